@@ -1,0 +1,50 @@
+"""switchctl: which controller should act at each sample.
+
+A plant and several controllers, as python-control objects, become modes (`close_loops`); a method schedules the modes
+for an uncertain initial state (`schedule`).
+"""
+
+from switchctl.closed_loop import close_loops
+from switchctl.comparison import Comparison, compare
+from switchctl.files import FormatError
+from switchctl.gaussian import Gaussian, wasserstein
+from switchctl.methods import (
+    Constant,
+    Method,
+    PointwiseMinimum,
+    RecedingHorizon,
+    Rollout,
+    Scheduler,
+    best_single_mode,
+    single_mode_costs,
+)
+from switchctl.modes import Mode, ModeSet
+from switchctl.result import Schedule, Switch
+from switchctl.scheduling import schedule
+from switchctl.sweeping import Sweep, sweep
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Comparison",
+    "Constant",
+    "FormatError",
+    "Gaussian",
+    "Method",
+    "Mode",
+    "ModeSet",
+    "PointwiseMinimum",
+    "RecedingHorizon",
+    "Rollout",
+    "Schedule",
+    "Scheduler",
+    "Sweep",
+    "Switch",
+    "best_single_mode",
+    "close_loops",
+    "compare",
+    "schedule",
+    "single_mode_costs",
+    "sweep",
+    "wasserstein",
+]

@@ -1,0 +1,229 @@
+"""The command line: run a model, compare methods, list the models."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from switchctl import __version__
+from switchctl.comparison import Comparison, compare
+from switchctl.gaussian import Gaussian
+from switchctl.load_model import Model, bundled, load_model
+from switchctl.methods import Method, PointwiseMinimum, RecedingHorizon, Rollout
+from switchctl.modes import ModeSet
+from switchctl.result import Schedule
+
+METHODS = {"receding-horizon": RecedingHorizon, "pointwise": PointwiseMinimum, "rollout": Rollout}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words after the command's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        0 for success, 2 for a mistake in what was asked, 130 when interrupted.
+    """
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    try:
+        asked.command(asked)
+    except KeyboardInterrupt:
+        print("switchctl: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has gone; say nothing more
+        return 0
+    except (ValueError, TypeError, LookupError, ArithmeticError, OSError, ImportError) as error:
+        told = error.args[0] if isinstance(error, KeyError) and error.args else error
+        print(f"switchctl: error: {' '.join(str(told).split())}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="switchctl", description="Decide which controller should act at each sample.", allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"switchctl {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="schedule a model's modes by one method", allow_abbrev=False)
+    _model_arguments(run)
+    run.add_argument("--method", choices=METHODS, help="default: the model's own")
+    run.add_argument("--horizon", type=_horizon, metavar="T", help="steps, or 'inf' (receding-horizon)")
+    run.add_argument("--hold", type=int, metavar="N", help="steps between decisions (receding-horizon)")
+    run.add_argument("--decrease", type=float, metavar="X", help="stability constraint, 0 to 1 (receding-horizon)")
+    run.add_argument(
+        "--save",
+        type=Path,
+        metavar="DIR",
+        help="write schedule.csv, schedule.json, w2.png and area.png there",
+    )
+    run.set_defaults(command=_run)
+
+    comparison = commands.add_parser("compare", help="run every method on a model", allow_abbrev=False)
+    _model_arguments(comparison)
+    comparison.set_defaults(command=_compare)
+
+    models = commands.add_parser("models", help="list the bundled models", allow_abbrev=False)
+    models.add_argument("--json", action="store_true", help="print JSON")
+    models.set_defaults(command=_models)
+    return parser
+
+
+def _model_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "model",
+        metavar="MODEL",
+        help="a bundled model (see 'switchctl models'), a Python file that offers modes() and initial_state(), or a "
+        ".json or .mat file with the matrices A",
+    )
+    parser.add_argument("--steps", type=int, metavar="N", help="default: until W2 is 1e-12 of its start")
+    parser.add_argument("--mean", type=_numbers, metavar="X,X,..", help="mean of the initial state")
+    parser.add_argument(
+        "--cov",
+        type=_numbers,
+        metavar="X,..",
+        help="its covariance: one variance for all, one each, or all entries by rows",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _horizon(text: str) -> int | float:
+    return float("inf") if text == "inf" else int(text)
+
+
+_horizon.__name__ = "horizon"  # argparse names the type in its message
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array([float(word) for word in text.replace(",", " ").split()])
+
+
+_numbers.__name__ = "list of numbers"
+
+
+def _method(asked: argparse.Namespace, model: Model) -> Method:
+    """The method asked for, with the settings asked for, on top of the model's own."""
+    own = model.method
+    kind = METHODS[asked.method] if asked.method else type(own)
+    settings = {
+        name: getattr(asked, name) for name in ("horizon", "hold", "decrease") if getattr(asked, name) is not None
+    }
+    if kind is not RecedingHorizon:
+        if settings and asked.method is None:
+            kind = RecedingHorizon
+        elif settings:
+            raise ValueError(f"--{next(iter(settings))} goes with --method receding-horizon, not {asked.method}")
+        else:
+            return kind() if asked.method else own
+    if isinstance(own, RecedingHorizon):
+        settings = {"horizon": own.horizon, "hold": own.hold, "decrease": own.decrease} | settings
+    if "horizon" not in settings:
+        raise ValueError("--method receding-horizon needs --horizon T")
+    return RecedingHorizon(**settings)
+
+
+def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
+    given = model.initial_state
+    n = model.modes.A.shape[-1]
+    mean = asked.mean if asked.mean is not None else None if given is None else given.mean
+    if mean is None:
+        raise ValueError(f"{asked.model} has no initial state; give --mean (and --cov)")
+    if asked.cov is None:
+        return Gaussian(mean, np.zeros((n, n)) if given is None else given.cov)
+    sizes: dict[int, Any] = {1: lambda v: v * np.eye(n), n: np.diag, n * n: lambda v: v.reshape(n, n)}
+    if asked.cov.size not in sizes:
+        raise ValueError(f"--cov has {asked.cov.size} numbers; expected 1, {n} or {n * n}, for {n} states")
+    return Gaussian(mean, sizes[asked.cov.size](asked.cov))
+
+
+def _run(asked: argparse.Namespace) -> None:
+    model = load_model(asked.model)
+    method, x0 = _method(asked, model), _initial_state(asked, model)
+    if asked.save:
+        asked.save.mkdir(parents=True, exist_ok=True)
+    comparison = compare(model.modes, x0, {"schedule": method}, asked.steps)
+    schedule = comparison.schedules["schedule"]
+    saved = _save(asked.save, comparison, schedule) if asked.save else []
+    best = comparison.single_costs.min()
+    if asked.json:
+        print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
+        return
+    print(comparison)
+    print(f"\n{schedule!r}")
+    if np.isfinite(best) and best > 0:
+        print(f"\ngain over the best single mode: {1 - schedule.cost / best:.2%}".replace("%", " %"))
+    for path in saved:
+        print(f"saved {path}")
+
+
+def _compare(asked: argparse.Namespace) -> None:
+    model = load_model(asked.model)
+    methods = [PointwiseMinimum(), Rollout() if model.modes.schur.any() else None, model.method]
+    comparison = compare(model.modes, _initial_state(asked, model), [m for m in methods if m is not None], asked.steps)
+    print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
+
+
+def _models(asked: argparse.Namespace) -> None:
+    described = bundled()
+    if asked.json:
+        print(json.dumps(described, indent=1))
+    else:
+        print("\n".join(f"{name:<12} {line}" for name, line in described.items()))
+
+
+def _record(comparison: Comparison) -> dict[str, Any]:
+    modes: ModeSet = comparison.modes
+    return {
+        "modes": [
+            {"name": name, "spectral_radius": float(radius), "cost": _finite(cost)}
+            for name, radius, cost in zip(modes.names, modes.spectral_radii, comparison.single_costs, strict=True)
+        ],
+        "dt": modes.dt,
+        "schedules": [
+            {
+                "label": label,
+                "method": schedule.method,
+                "status": schedule.status,
+                "steps": len(schedule),
+                "cost": _finite(schedule.cost),
+                "switches": [switch._asdict() for switch in schedule.switches],
+                "tail": schedule.tail,
+            }
+            for label, schedule in comparison.schedules.items()
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _save(folder: Path, comparison: Comparison, schedule: Schedule) -> list[Path]:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    files = [schedule.to_csv(folder / "schedule.csv"), schedule.save(folder / "schedule.json")]
+    for name, draw in (("w2.png", comparison.plot), ("area.png", comparison.plot_area)):
+        figure = draw().figure
+        figure.savefig(folder / name, dpi=150)
+        plt.close(figure)
+        files.append(folder / name)
+    return files
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,173 @@
+"""Several methods side by side, with every single mode."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from switchctl.gaussian import Gaussian
+from switchctl.methods import Method, single_mode_costs
+from switchctl.modes import ModeSet
+from switchctl.moments import Array, constant_w2
+from switchctl.result import Schedule
+from switchctl.scheduling import schedule
+from switchctl.tables import html_table, text_table
+
+if TYPE_CHECKING:
+    from control import ControlPlot
+
+_HEADER = ["", "spectral radius", "cost", "of best single", "peak W2", "switches"]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Schedules of several methods beside every single mode. `compare` makes one.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+    schedules : dict of Schedule
+        By label.
+    """
+
+    modes: ModeSet
+    x0: Gaussian
+    schedules: dict[str, Schedule]
+
+    @property
+    def steps(self) -> int:
+        """The steps of the longest schedule."""
+        return max(map(len, self.schedules.values()))
+
+    @property
+    def single_costs(self) -> Array:
+        """Cost of each mode held for ever, shape (m,)."""
+        return single_mode_costs(self.modes, self.x0)
+
+    @property
+    def single_w2(self) -> Array:
+        """W2 of each mode held from the start, shape (m, steps)."""
+        return constant_w2(self.modes.A, self.x0.second_moment, self.steps)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return one record for each single mode and each schedule.
+
+        Returns
+        -------
+        list of dict
+            With label, spectral radius (None for a schedule), cost, ratio (to the best single mode; None where no
+            mode is Schur), peak (greatest W2) and switches.
+        """
+        costs = self.single_costs
+        best = costs.min() if np.isfinite(costs).any() else None
+        singles = zip(self.modes.names, self.modes.spectral_radii, costs, self.single_w2, strict=True)
+        entries: list[tuple[Any, ...]] = [
+            (name, float(radius), cost, w2.max(), 0) for name, radius, cost, w2 in singles
+        ]
+        entries += [(label, None, s.cost, s.w2.max(), len(s.switches)) for label, s in self.schedules.items()]
+        return [
+            {
+                "label": label,
+                "spectral radius": radius,
+                "cost": float(cost),
+                "ratio": float(cost / best) if best else None,
+                "peak": float(peak),
+                "switches": switches,
+            }
+            for label, radius, cost, peak, switches in entries
+        ]
+
+    def _cells(self) -> list[list[str]]:
+        return [
+            [
+                row["label"],
+                "" if row["spectral radius"] is None else f"{row['spectral radius']:.6g}",
+                f"{row['cost']:.6g}",
+                "" if row["ratio"] is None or not np.isfinite(row["ratio"]) else f"{100 * row['ratio']:.2f} %",
+                f"{row['peak']:.6g}",
+                str(row["switches"]),
+            ]
+            for row in self.rows()
+        ]
+
+    def __repr__(self) -> str:
+        return text_table(_HEADER, self._cells())
+
+    def _repr_html_(self) -> str:
+        return html_table(_HEADER, self._cells(), f"Comparison over {self.steps} steps and the tail after them")
+
+    def plot(self, **keywords: Any) -> "ControlPlot":
+        """Draw W2 of every single mode and of the schedules; see `switchctl.plotting.plot_w2` for the keywords.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from switchctl.plotting import plot_w2
+
+        return plot_w2(self, **keywords)
+
+    def plot_area(self, **keywords: Any) -> "ControlPlot":
+        """Draw the costs as bars; see `switchctl.plotting.plot_area` for the keywords.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from switchctl.plotting import plot_area
+
+        return plot_area(self, **keywords)
+
+
+def compare(
+    modes: ModeSet,
+    x0: Gaussian,
+    methods: Method | Sequence[Method] | Mapping[str, Method],
+    steps: int | None = None,
+) -> Comparison:
+    """Run several methods on the same modes and initial state, beside every single mode.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+    methods : Method, sequence of Method, or dict
+        What to run; a dict labels them, otherwise they are labelled by their settings.
+    steps : int, optional
+        As for `schedule`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `schedule` does; ValueError if there is no method or a label is also the name of a mode.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> compare(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), {"T = 20": RecedingHorizon(20), "rollout": Rollout()})
+             spectral radius     cost  of best single  peak W2  switches
+    -------  ---------------  -------  --------------  -------  --------
+    fast                 0.8   104.93        527.41 %  20.8309         0
+    calm                0.97  19.8952        100.00 %     2.02         0
+    T = 20                    16.2132         81.49 %     2.02         1
+    rollout                   14.4423         72.59 %     2.02         1
+    """
+    if isinstance(methods, Method):
+        methods = [methods]
+    labelled = dict(methods) if isinstance(methods, Mapping) else {repr(method): method for method in methods}
+    if not labelled:
+        raise ValueError("methods is empty; give at least one method")
+    for label in labelled:
+        if label in modes.names:
+            raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
+    return Comparison(modes, x0, {label: schedule(modes, x0, m, steps) for label, m in labelled.items()})

@@ -1,0 +1,19 @@
+"""The methods of scheduling, one a file."""
+
+from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.constant import Constant, best_single_mode, single_mode_costs
+from switchctl.methods.pointwise import PointwiseMinimum
+from switchctl.methods.receding_horizon import RecedingHorizon
+from switchctl.methods.rollout import Rollout
+
+__all__ = [
+    "Constant",
+    "Method",
+    "PointwiseMinimum",
+    "RecedingHorizon",
+    "Rollout",
+    "Scheduler",
+    "best_single_mode",
+    "least_cost",
+    "single_mode_costs",
+]

@@ -1,0 +1,102 @@
+"""One mode for ever: the yardstick of every other method."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from switchctl.gaussian import Gaussian
+from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.modes import Mode, ModeSet
+from switchctl.moments import Array
+
+
+@dataclass(frozen=True, repr=False)
+class Constant(Method):
+    """Hold one mode for ever.
+
+    Parameters
+    ----------
+    mode : int or str
+        Its index or name.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.5]], [[0.9]]])
+    >>> Constant("A1").start(modes).step([1.0])
+    1
+    """
+
+    mode: int | str
+
+    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
+        return _ConstantScheduler(modes, modes.index(self.mode))
+
+
+class _ConstantScheduler(Scheduler):
+    def __init__(self, modes: ModeSet, mode: int) -> None:
+        super().__init__(modes)
+        self.mode = mode
+
+    def decide(self, S: Array) -> int:
+        return self.mode
+
+
+def single_mode_costs(modes: ModeSet, x0: Gaussian) -> Array:
+    """Cost of each mode held for ever: ``dk * tr(P_i S_0)``, infinite where the mode is not Schur.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+
+    Returns
+    -------
+    array, shape (m,)
+
+    Examples
+    --------
+    >>> single_mode_costs(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]]))
+    array([12., inf])
+    """
+    S = x0.second_moment
+    return np.array([np.inf if P is None else modes.dk * np.sum(P * S) for P in modes.tails])
+
+
+def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:
+    """Return the Schur mode that costs least when held for ever; of modes that tie, the first.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+
+    Returns
+    -------
+    Mode
+
+    Raises
+    ------
+    ValueError
+        If no mode is Schur.
+
+    Examples
+    --------
+    >>> best_single_mode(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]])).name
+    'A0'
+    """
+    require_schur(modes, "the best single mode")
+    return modes[least_cost(single_mode_costs(modes, x0), modes.schur)]
+
+
+def require_schur(modes: ModeSet, what: str) -> None:
+    """Raise unless at least one mode is Schur stable."""
+    if not modes.schur.any():
+        radii = ", ".join(f"{n}: {r:.6g}" for n, r in zip(modes.names, modes.spectral_radii, strict=True))
+        raise ValueError(
+            f"{what} needs a Schur mode (spectral radius below 1), and none of these is: {radii}; "
+            "stabilise one, or use a method with a finite horizon"
+        )

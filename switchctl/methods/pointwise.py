@@ -1,0 +1,26 @@
+"""The pointwise minimum: the receding horizon at its shortest."""
+
+from dataclasses import dataclass
+
+from switchctl.methods.base import Method, Scheduler
+from switchctl.methods.receding_horizon import RecedingHorizon
+from switchctl.modes import ModeSet
+
+
+@dataclass(frozen=True, repr=False)
+class PointwiseMinimum(Method):
+    """Take, at every sample, the mode whose next W2 is least (the paper's case T = 0).
+
+    Counted with the present sample, which a stage weight may make depend on the mode (control effort), this is the
+    receding horizon with T = 1, re-decided every step. It does not look ahead, and may do worse than a poor
+    mode held for ever.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.5]], [[0.9]]])
+    >>> PointwiseMinimum().start(modes).step([1.0])
+    0
+    """
+
+    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
+        return RecedingHorizon(horizon=1).start(modes)

@@ -1,0 +1,175 @@
+"""The paper's method: a constant mode over a horizon, held, then chosen again."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from switchctl.gramians import horizon_gramians
+from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.constant import require_schur
+from switchctl.modes import ModeSet
+from switchctl.moments import Array, svec
+from switchctl.validation import number, whole_number
+
+Horizon = int | float | Sequence[int | float] | Callable[[int], int | float]
+
+
+@dataclass(frozen=True, repr=False)
+class RecedingHorizon(Method):
+    r"""The receding horizon of Lee and Bhattacharya (DSCC 2014).
+
+    At the update time t_j choose the mode whose cost over ``k = t_j .. t_j + T`` is least,
+
+    .. math:: \min_\sigma \sum_{k=t_j}^{t_j+T} W_\sigma^2(k) \quad\text{subject to}\quad
+              W_\sigma^2(t_{j+1}) \le (1 - \text{decrease})\, W^2(t_{j-1}),
+
+    and hold it until ``t_{j+1} = t_j + hold``. Where no mode satisfies the constraint, the hold is lengthened step by
+    step until one does: it exists, because every mode is Schur. ``W2(t_0)`` stands for the missing
+    ``W2(t_{-1})``. The constraint makes the switched system mean-square stable (Theorem 1 of the paper); a running
+    scheduler that has seen a disturbance should be `reset`, or it will wait until W2 is back where it was. A
+    decision is one small matrix-vector product, whatever the horizon.
+
+    Parameters
+    ----------
+    horizon : int, inf, sequence or callable
+        T in steps, at least 1. `math.inf` compares the modes by their cost for ever. A sequence gives T for the
+        updates j = 0, 1, .. (its last entry stays in force); a callable gives it as a function of j.
+    hold : int, optional
+        Steps between updates; 1 by default: decide at every sample.
+    decrease : float, optional
+        The stability constraint, between 0 and 1. None (default) leaves it out.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range; from `start` and `schedule`, if a mode is not Schur where the constraint needs
+        it, or none is where the horizon is infinite.
+    TypeError
+        If a setting is not a number.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.9, 5.0], [0.0, 0.5]], [[0.95, 0.0], [0.0, 0.9]]])
+    >>> scheduler = RecedingHorizon(horizon=10).start(modes)
+    >>> scheduler.step([0.0, 1.0]), scheduler.step([1.0, 0.0])
+    (1, 0)
+    """
+
+    horizon: Horizon
+    hold: int = 1
+    decrease: float | None = None
+
+    def __post_init__(self) -> None:
+        horizon = self.horizon
+        if isinstance(horizon, (Sequence, np.ndarray)) and not isinstance(horizon, str):
+            if len(horizon) == 0:
+                raise ValueError("horizon is an empty sequence; give at least one T")
+            horizon = tuple(_checked(T, f"horizon[{j}]") for j, T in enumerate(horizon))
+        elif not callable(horizon):
+            horizon = _checked(horizon, "horizon")
+        object.__setattr__(self, "horizon", horizon)
+        object.__setattr__(self, "hold", whole_number(self.hold, "hold"))
+        if self.decrease is not None and not 0 < number(self.decrease, "decrease") < 1:
+            raise ValueError(f"decrease is {self.decrease}; expected a number strictly between 0 and 1, or None")
+
+    def at(self, j: int) -> int | float:
+        """T at the j-th update.
+
+        Parameters
+        ----------
+        j : int
+            Number of the update, from 0.
+
+        Returns
+        -------
+        int or inf
+        """
+        if callable(self.horizon):
+            return _checked(self.horizon(j), f"horizon({j})")
+        if isinstance(self.horizon, tuple):
+            return self.horizon[min(j, len(self.horizon) - 1)]
+        return self.horizon  # type: ignore[return-value]
+
+    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
+        if self.decrease is not None and not modes.schur.all():
+            name = modes.names[int(np.argmin(modes.schur))]
+            raise ValueError(
+                f"decrease={self.decrease} needs every mode to be Schur, and {name!r} has spectral radius "
+                f"{modes[name].spectral_radius:.6g}; drop that mode, or leave out decrease"
+            )
+        return _RecedingHorizonScheduler(modes, self)
+
+
+def _checked(T: int | float, name: str) -> int | float:
+    return math.inf if isinstance(T, float) and T == math.inf else whole_number(T, name)
+
+
+class _RecedingHorizonScheduler(Scheduler):
+    def __init__(self, modes: ModeSet, method: RecedingHorizon) -> None:
+        self.method = method
+        self.table = lru_cache(maxsize=64)(self._table)
+        # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
+        after_hold = np.stack([np.linalg.matrix_power(A, method.hold) for A in modes.A])
+        self.w2_after_hold = svec(np.swapaxes(after_hold, -1, -2) @ after_hold)
+        self.after_hold = after_hold
+        super().__init__(modes)
+        self.table(method.at(0))  # an impossible horizon is refused at the start, not at the first sample
+
+    def reset(self) -> None:
+        self.j = 0  # number of the coming update
+        self.mode = 0
+        self.remaining = 0  # steps until the coming update
+        self.last_w2: float | None = None  # W2(t_{j-1})
+
+    def _table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
+        """Row i dotted with svec(S) is the cost of mode i over the horizon; which rows are finite."""
+        modes = self.modes
+        if T == math.inf:
+            require_schur(modes, "an infinite horizon")
+            identity = np.eye(modes.A.shape[-1])
+            return svec(np.stack([identity if P is None else P for P in modes.tails])), modes.schur
+        with np.errstate(over="ignore", invalid="ignore"):
+            gramians = horizon_gramians(modes.A, modes.Q, int(T))
+        for name, gramian in zip(modes.names, gramians, strict=True):
+            if not np.isfinite(gramian).all():
+                raise ValueError(
+                    f"the cost of mode {name!r} over a horizon of {T} steps exceeds the floating-point range "
+                    f"(spectral radius {modes[name].spectral_radius:.6g}); choose a shorter horizon"
+                )
+        return svec(gramians), None
+
+    def decide(self, S: Array) -> int:
+        self.lengthened = 0
+        if self.remaining == 0:
+            self._update(S)
+        self.remaining -= 1
+        return self.mode
+
+    def _update(self, S: Array) -> None:
+        table, allowed = self.table(self.method.at(self.j))
+        hold, w2 = self.method.hold, float(np.trace(S))
+        if self.method.decrease is not None:
+            bound = (1 - self.method.decrease) * (w2 if self.last_w2 is None else self.last_w2)
+            allowed, hold = self._stabilising(S, bound)
+        self.mode = least_cost(table @ svec(S), allowed)
+        self.last_w2 = w2
+        self.lengthened = hold - self.method.hold
+        self.remaining = hold
+        self.j += 1
+
+    def _stabilising(self, S: Array, bound: float) -> tuple[NDArray[np.bool_], int]:
+        """The modes with ``W2(t_{j+1}) <= bound``, and the shortest hold from the usual on that has any."""
+        hold = self.method.hold
+        allowed = self.w2_after_hold @ svec(S) <= bound
+        if allowed.any():
+            return allowed, hold
+        A, moments = self.modes.A, self.after_hold @ S @ np.swapaxes(self.after_hold, -1, -2)
+        while not allowed.any():
+            hold += 1
+            moments = A @ moments @ np.swapaxes(A, -1, -2)
+            allowed = np.trace(moments, axis1=-2, axis2=-1) <= bound
+        return allowed, hold

@@ -1,0 +1,236 @@
+"""Modes: the closed loops among which a schedule chooses."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from control import ControlDimension
+from numpy.typing import NDArray
+
+from switchctl.gramians import tail
+from switchctl.moments import Array
+from switchctl.tables import html_table
+from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One closed loop ``x+ = A x`` with stage cost ``x' Q x``: an entry of a `ModeSet`.
+
+    Parameters
+    ----------
+    index : int
+        Its place in the set, from 0.
+    name : str
+        Its name.
+    A, Q : arrays, shape (n, n)
+        The closed loop and its stage weight.
+    K : array, shape (inputs, n), or None
+        The gain ``u = -K x`` where it is known.
+    dt : float or True
+        Sampling period in seconds, or True for none.
+    states : tuple of str
+        The names of the states.
+    """
+
+    index: int
+    name: str
+    A: Array
+    Q: Array
+    K: Array | None
+    dt: float | bool
+    states: tuple[str, ...]
+
+    @property
+    def spectral_radius(self) -> float:
+        """``rho(A)``, the greatest modulus of an eigenvalue."""
+        return float(np.abs(np.linalg.eigvals(self.A)).max())
+
+    def to_ss(self) -> "StateSpace":
+        """Return the mode as a python-control `StateSpace` without inputs, whose outputs are its states.
+
+        Returns
+        -------
+        control.StateSpace
+        """
+        import control
+
+        n = len(self.A)
+        no_input = np.zeros((n, 0))
+        return control.ss(self.A, no_input, np.eye(n), no_input, self.dt, name=self.name, states=list(self.states))
+
+
+class ModeSet:
+    """The modes of a switched system ``x(k+1) = A_i x(k)``, with what a sample in each of them costs.
+
+    `close_loops` makes one from a plant and its controllers; the constructor takes the A_i themselves.
+
+    Parameters
+    ----------
+    matrices : array_like, shape (m, n, n)
+        The A_i.
+    names : sequence of str, optional
+        Distinct names; "A0", "A1", .. by default.
+    dt : float or True, optional
+        Sampling period in seconds, or True (default) for steps without one.
+    Q : array_like, shape (n, n) or (m, n, n), optional
+        Stage weight, symmetric positive semidefinite, for all modes or one each: a sample in mode i costs
+        ``tr(Q_i S)``. The identity by default, which makes the cost the squared Wasserstein distance.
+    gains : array_like, shape (m, inputs, n), optional
+        The gains ``u = -K_i x`` behind the modes, where known.
+    states : sequence of str, optional
+        Names of the states; "x[0]", "x[1]", .. by default.
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit, an entry is not finite, a name is repeated or dt is not a sampling period.
+    TypeError
+        If the entries are not real numbers or a name is not a string.
+
+    Examples
+    --------
+    >>> ModeSet([[[0.9, 0.1], [0.0, 0.8]], [[0.5, 2.0], [0.0, 1.1]]], names=["slow", "fast"], dt=0.1)
+    ModeSet: 2 modes, 2 states, dt = 0.1 s
+    ├── 0  slow  spectral radius 0.9
+    └── 1  fast  spectral radius 1.1  not Schur
+    """
+
+    def __init__(
+        self,
+        matrices: Any,
+        names: Sequence[str] | None = None,
+        dt: float | bool = True,
+        *,
+        Q: Any = None,
+        gains: Any = None,
+        states: Sequence[str] | None = None,
+    ) -> None:
+        self.A: Array = frozen(_stack(matrices))
+        m, n, _ = self.A.shape
+        self.names = _names(names, m, "names", "A{}")
+        self.states = _names(states, n, "states", "x[{}]")
+        self.dt = sampling_period(dt)
+        weight = np.eye(n) if Q is None else real_array(Q, "Q")
+        if weight.shape not in ((n, n), (m, n, n)):
+            raise ControlDimension(f"Q has shape {weight.shape}; expected {(n, n)} or {(m, n, n)}")
+        self.Q: Array = np.broadcast_to(positive_semidefinite(weight, "Q"), self.A.shape)
+        self.gains: Array | None = None if gains is None else frozen(real_array(gains, "gains", (m, None, n)))
+
+    @property
+    def dk(self) -> float:
+        """The weight of a sample in every cost (the paper's dk): dt in seconds, or 1 where dt is True."""
+        return 1.0 if self.dt is True else float(self.dt)
+
+    @cached_property
+    def spectral_radii(self) -> Array:
+        """``rho(A_i)``, shape (m,)."""
+        return frozen(np.abs(np.linalg.eigvals(self.A)).max(axis=-1))
+
+    @cached_property
+    def tails(self) -> tuple[Array | None, ...]:
+        """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur (see `tail`)."""
+        return tuple(tail(A, Q) for A, Q in zip(self.A, self.Q, strict=True))
+
+    @property
+    def schur(self) -> NDArray[np.bool_]:
+        """Whether each mode is Schur stable, shape (m,)."""
+        return np.array([P is not None for P in self.tails])
+
+    def index(self, mode: int | str) -> int:
+        """Index of a mode given by index or name.
+
+        Parameters
+        ----------
+        mode : int or str
+            Index from 0 (negative from the end, as in Python) or name.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        KeyError
+            If no mode has the name.
+        IndexError
+            If the index is out of range.
+        """
+        if isinstance(mode, str):
+            if mode not in self.names:
+                raise KeyError(f"no mode is named {mode!r}; the modes are {', '.join(self.names)}")
+            return self.names.index(mode)
+        if isinstance(mode, bool) or not isinstance(mode, (int, np.integer)):
+            raise TypeError(f"a mode is given by its index or its name, not {mode!r}")
+        if not -len(self) <= mode < len(self):
+            raise IndexError(f"mode {mode} is out of range; there are {len(self)} modes, counted from 0")
+        return int(mode) % len(self)
+
+    def __getitem__(self, mode: int | str) -> Mode:
+        i = self.index(mode)
+        K = None if self.gains is None else self.gains[i]
+        return Mode(i, self.names[i], self.A[i], self.Q[i], K, self.dt, self.states)
+
+    def __len__(self) -> int:
+        return len(self.A)
+
+    def __iter__(self) -> Iterator[Mode]:
+        return (self[i] for i in range(len(self)))
+
+    def _heading(self) -> str:
+        period = "no sampling period" if self.dt is True else f"dt = {self.dt:g} s"
+        m, n = self.A.shape[:2]
+        return f"ModeSet: {m} mode{'s' * (m > 1)}, {n} state{'s' * (n > 1)}, {period}"
+
+    def __repr__(self) -> str:
+        width = max(map(len, self.names))
+        lines = [self._heading()]
+        for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True)):
+            branch = "└──" if i == len(self) - 1 else "├──"
+            verdict = "" if self.schur[i] else "  not Schur"
+            lines.append(f"{branch} {i}  {name:<{width}}  spectral radius {radius:.6g}{verdict}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [i, name, f"{radius:.6g}", "yes" if schur else "no"]
+            for i, (name, radius, schur) in enumerate(zip(self.names, self.spectral_radii, self.schur, strict=True))
+        ]
+        return html_table(["index", "mode", "spectral radius", "Schur"], rows, self._heading())
+
+
+def _stack(matrices: Any) -> Array:
+    if isinstance(matrices, np.ndarray):
+        array = real_array(matrices, "matrices")
+    else:
+        try:
+            each = [real_array(matrix, f"matrices[{i}]", (None, None)) for i, matrix in enumerate(matrices)]
+        except TypeError as error:
+            if hasattr(matrices, "__iter__"):
+                raise
+            raise TypeError(f"matrices must be the A_i, shape (m, n, n); got {matrices!r}") from error
+        shapes = {matrix.shape for matrix in each}
+        if len(shapes) > 1:
+            raise ControlDimension(f"matrices have shapes {sorted(shapes)}; expected one n by n for all modes")
+        array = np.array(each)
+    if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
+        raise ControlDimension(f"matrices has shape {array.shape}; expected (m, n, n), m and n at least 1")
+    return array
+
+
+def _names(names: Sequence[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:
+    if names is None:
+        return tuple(default.format(i) for i in range(count))
+    if isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
+        raise TypeError(f"{argument} must be a sequence of non-empty strings; got {names!r}")
+    if len(names) != count:
+        raise ValueError(f"{argument} has {len(names)} entries; expected {count}")
+    for name in names:
+        if list(names).count(name) > 1:
+            raise ValueError(f"{argument} holds {name!r} more than once; names must be distinct")
+    return tuple(names)

@@ -1,0 +1,240 @@
+"""The kernel: Gaussian moments moved by modes, in NumPy alone.
+
+A mode ``x+ = A x`` moves a Gaussian by ``mean+ = A mean``, ``cov+ = A cov A'`` (equations 11 and 12 of Lee
+and Bhattacharya, DSCC 2014), and so its second moment ``S = mean mean' + cov`` by ``S+ = A S A'``. Symmetric
+matrices are flattened by the isometric half-vectorisation `svec`, in which a step of a mode is one matrix and a
+cost ``tr(Q S)`` one dot product.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def _triangle(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    rows, columns = np.tril_indices(n)
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+def svec(X: Array) -> Array:
+    """Half-vectorise symmetric matrices isometrically: ``tr(X Y) = svec(X) . svec(Y)``.
+
+    Parameters
+    ----------
+    X : array, shape (..., n, n)
+        Symmetric matrices; the lower triangle is read.
+
+    Returns
+    -------
+    array, shape (..., n (n + 1) / 2)
+        The triangle row by row, off-diagonal entries times sqrt(2).
+
+    Examples
+    --------
+    >>> X, Y = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([[0.0, 4.0], [4.0, 5.0]])
+    >>> print(svec(X) @ svec(Y), np.trace(X @ Y))
+    23.0 23.0
+    """
+    rows, columns, weights = _triangle(X.shape[-1])
+    return X[..., rows, columns] * weights
+
+
+def smat(s: Array) -> Array:
+    """Undo `svec`: vectors of length n (n + 1) / 2 to symmetric n by n matrices.
+
+    Parameters
+    ----------
+    s : array, shape (..., n (n + 1) / 2)
+        Half-vectorised symmetric matrices.
+
+    Returns
+    -------
+    array, shape (..., n, n)
+
+    Examples
+    --------
+    >>> smat(svec(np.array([[2.0, 1.0], [1.0, 3.0]])))
+    array([[2., 1.],
+           [1., 3.]])
+    """
+    n = int(np.sqrt(2 * s.shape[-1]))
+    rows, columns, weights = _triangle(n)
+    X = np.empty((*s.shape[:-1], n, n))
+    X[..., rows, columns] = X[..., columns, rows] = s / weights
+    return X
+
+
+def moment_maps(A: Array) -> Array:
+    """Symmetric Kronecker maps: the matrix K with ``svec(A S A') = K svec(S)``.
+
+    The paper's ``A (x) A`` on ``vec(S)`` without its redundancy. N moments, the rows of an array, move at
+    once by ``moments @ K.T``.
+
+    Parameters
+    ----------
+    A : array, shape (..., n, n)
+        Modes.
+
+    Returns
+    -------
+    array, shape (..., d, d), with d = n (n + 1) / 2
+
+    Examples
+    --------
+    >>> A, S = np.array([[1.0, 2.0], [0.0, 3.0]]), np.array([[2.0, 1.0], [1.0, 3.0]])
+    >>> np.allclose(moment_maps(A) @ svec(S), svec(A @ S @ A.T))
+    True
+    """
+    i, j, weights = _triangle(A.shape[-1])
+
+    def entries(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+        return A[..., rows[:, None], columns]
+
+    symmetric = entries(i, i) * entries(j, j) + entries(i, j) * entries(j, i)
+    return symmetric * np.outer(weights, weights) / 2
+
+
+def moment_factor(mean: Array, cov: Array) -> Array:
+    """A factor ``F = [mean, L]`` of the second moment, ``S = F F'``, with ``L L' = cov``.
+
+    A step of a mode is ``F+ = A F``, equations (11) and (12) of the paper at once. The covariance ``L L'`` can't lose
+    symmetry or definiteness on the way, and ``W2 = ||F||^2`` can't become negative.
+
+    Parameters
+    ----------
+    mean, cov : arrays, shapes (n,) and (n, n)
+        A Gaussian.
+
+    Returns
+    -------
+    array, shape (n, n + 1)
+    """
+    eigenvalues, vectors = np.linalg.eigh(cov)
+    return np.column_stack([mean, vectors * np.sqrt(np.maximum(eigenvalues, 0.0))])
+
+
+def second_moment(mean: Array, cov: Array) -> Array:
+    """``S = mean mean' + cov``, for one Gaussian or a batch.
+
+    Parameters
+    ----------
+    mean, cov : arrays, shapes (..., n) and (..., n, n)
+        The Gaussians.
+
+    Returns
+    -------
+    array, shape (..., n, n)
+    """
+    return mean[..., :, None] * mean[..., None, :] + cov
+
+
+def trajectory(A: Array, sequence: NDArray[np.intp], F: Array) -> Array:
+    """Moment factors along a switching sequence.
+
+    Parameters
+    ----------
+    A : array, shape (m, n, n)
+        The modes.
+    sequence : int array, shape (N,)
+        The mode of each step.
+    F : array, shape (n, n + 1)
+        The initial moment factor.
+
+    Returns
+    -------
+    array, shape (N + 1, n, n + 1)
+    """
+    factors = np.empty((len(sequence) + 1, *F.shape))
+    factors[0] = F
+    for k, mode in enumerate(sequence):
+        np.matmul(A[mode], factors[k], out=factors[k + 1])
+    return factors
+
+
+def powers(A: Array, count: int) -> Array:
+    """``I, A, .., A^(count - 1)`` of every mode, by doubling.
+
+    Parameters
+    ----------
+    A : array, shape (m, n, n)
+        The modes.
+    count : int
+        How many powers.
+
+    Returns
+    -------
+    array, shape (m, count, n, n)
+    """
+    result = np.broadcast_to(np.eye(A.shape[-1]), A.shape)[:, None]
+    square = A[:, None]
+    while result.shape[1] < count:
+        result = np.concatenate([result, square @ result], axis=1)
+        square = square @ square
+    return result[:, :count]
+
+
+def constant_w2(A: Array, S: Array, steps: int) -> Array:
+    """W2 of every mode held from the start, ``tr(A^k S A'^k)``, without a loop over modes or steps.
+
+    With ``k = b i + j``, ``tr(A^k S A'^k) = tr((A'^j A^j) (A^bi S A'^bi))``: sqrt(N) functionals times sqrt(N)
+    moments, one matrix product. Beyond the floating-point range an unstable mode's W2 is infinite.
+
+    Parameters
+    ----------
+    A : array, shape (m, n, n)
+        The modes.
+    S : array, shape (n, n)
+        The initial second moment.
+    steps : int
+        The number of samples, k = 0 .. steps - 1.
+
+    Returns
+    -------
+    array, shape (m, steps)
+    """
+    b = int(np.ceil(np.sqrt(steps)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        small = powers(A, b + 1)
+        functionals = svec(np.swapaxes(small[:, :b], -1, -2) @ small[:, :b])
+        large = powers(small[:, b], -(-steps // b))
+        moments = svec(large @ S @ np.swapaxes(large, -1, -2))
+        w2 = (moments @ np.swapaxes(functionals, -1, -2)).reshape(len(A), -1)[:, :steps]
+    # A product of positive semidefinite matrices has no negative trace; inf - inf is beyond the range.
+    return np.maximum(np.where(np.isnan(w2), np.inf, w2), 0.0)
+
+
+def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:
+    """Proposition 3 of the paper, evaluated as it stands: W2(k) after a switching sequence.
+
+    ``W2(k) = vec(I)' (A_sk (x) A_sk) .. (A_s1 (x) A_s1) vec(S)``, with the transpose that the paper's print
+    omits and the latest factor on the left. The matrices are n^2 by n^2; `trajectory` and `constant_w2` give the
+    same at a fraction of the cost.
+
+    Parameters
+    ----------
+    A : array, shape (m, n, n)
+        The modes.
+    sequence : int array, shape (k,)
+        The modes s1 .. sk.
+    S : array, shape (n, n)
+        The initial second moment.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> A = np.array([[[0.5, 0.0], [0.0, 0.5]], [[0.0, 2.0], [1.0, 0.0]]])
+    >>> closed_form_w2(A, np.array([0, 1]), np.eye(2))
+    1.25
+    """
+    n = A.shape[-1]
+    product = np.eye(n * n)
+    for mode in sequence:
+        product = np.kron(A[mode], A[mode]) @ product
+    return float(np.eye(n).ravel() @ product @ S.ravel())

@@ -1,0 +1,9 @@
+"""Every picture, in one look. Each function returns python-control's `ControlPlot`.
+
+All take python-control's ``ax``, ``title`` and ``legend_loc`` (False for no legend).
+"""
+
+from switchctl.plotting.maps import plot_area, plot_ellipses, plot_sweep
+from switchctl.plotting.signals import plot_schematic, plot_switching, plot_w2
+
+__all__ = ["plot_area", "plot_ellipses", "plot_schematic", "plot_sweep", "plot_switching", "plot_w2"]

@@ -1,0 +1,205 @@
+"""Pictures over time: W2, the switching signal, the reason to switch."""
+
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from control import ControlPlot
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+
+from switchctl.comparison import Comparison
+from switchctl.moments import constant_w2
+from switchctl.plotting.style import (
+    SCHEDULE_DASHES,
+    Legend,
+    finish,
+    legend_place,
+    mode_style,
+    one_axes,
+    positive,
+    split_axes,
+    steps_shown,
+    time_label,
+    wrapped,
+)
+from switchctl.result import Schedule
+
+
+def plot_w2(
+    data: Schedule | Comparison,
+    *,
+    stop: int | None = None,
+    ax: Any = None,
+    title: str | None = None,
+    legend_loc: Legend = None,
+) -> ControlPlot:
+    """Draw W2 of every single mode and of the schedules, the active mode under it (figure a of the paper).
+
+    Parameters
+    ----------
+    data : Schedule or Comparison
+        What to draw.
+    stop : int, optional
+        Steps to show; by default until W2 of every schedule has fallen to 1e-4 of its start.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure by default. The lower part becomes the band of the active mode.
+    title : str, optional
+        Title; none by default.
+    legend_loc : str or False, optional
+        Place of the legend, or False for none; above the axes by default.
+
+    Returns
+    -------
+    control.ControlPlot
+        Its axes are W2 and, below it, the active mode.
+    """
+    schedules = data.schedules if isinstance(data, Comparison) else {data.method or "schedule": data}
+    modes, x0 = data.modes, data.x0
+    stop = steps_shown(list(schedules.values()), stop)
+    one = len(schedules) == 1
+    ax, band = split_axes(one_axes(ax), rows=len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules))
+    t = np.arange(stop) * modes.dk
+    lines = [
+        ax.semilogy(t, positive(w2), lw=1.4, label=name, **mode_style(i))[0]
+        for i, (name, w2) in enumerate(zip(modes.names, constant_w2(modes.A, x0.second_moment, stop), strict=True))
+    ]
+    for dash, (label, schedule) in zip(cycle(SCHEDULE_DASHES), schedules.items(), strict=False):
+        w2 = positive(schedule.w2[:stop])
+        lines += ax.semilogy(t[: len(w2)], w2, color="black", lw=2.2, linestyle=dash, label=label, zorder=3)
+    drawn = np.concatenate([schedule.w2[:stop] for schedule in schedules.values()])
+    ax.set_ylim(bottom=drawn[drawn > 0].min(initial=1.0) / 3)
+    ax.set_ylabel(r"$W^2$ (squared state units)")
+    ax.tick_params(labelbottom=False)
+    ax.grid(True, which="major", alpha=0.3)
+    if one:
+        _draw_signal(band, next(iter(schedules.values())), stop)
+    else:
+        _draw_strips(band, schedules, stop)
+    band.set_xlabel(time_label(modes))
+    plot = finish(ax, lines, title or "", legend_place(legend_loc, "above"))
+    plot.axes = np.array([[ax], [band]])
+    return plot
+
+
+def plot_switching(
+    schedule: Schedule,
+    *,
+    stop: int | None = None,
+    ax: Any = None,
+    title: str | None = None,
+    legend_loc: Legend = None,
+) -> ControlPlot:
+    """Draw the switching signal alone: one row a mode, filled while it is active.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        What to draw.
+    stop : int, optional
+        Steps to show; by default until W2 has fallen to 1e-4 of its start.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure by default.
+    title : str, optional
+        Title; the method by default.
+    legend_loc : str or False, optional
+        Place of a legend; none by default, since every row is named.
+
+    Returns
+    -------
+    control.ControlPlot
+    """
+    ax = one_axes(ax, (6.4, 0.9 + 0.32 * len(schedule.modes)))
+    _draw_signal(ax, schedule, steps_shown([schedule], stop))
+    ax.set_xlabel(time_label(schedule.modes))
+    ax.set_ylabel("mode")
+    handles = [Patch(color=mode_style(i)["color"], label=name) for i, name in enumerate(schedule.modes.names)]
+    return finish(ax, handles, schedule.method if title is None else title, legend_loc or False)
+
+
+def plot_schematic(
+    schedule: Schedule,
+    *,
+    stop: int | None = None,
+    ax: Any = None,
+    title: str | None = None,
+    legend_loc: Legend = None,
+) -> ControlPlot:
+    """Draw why to switch, the paper's schematic, with the true curves of a schedule that switches once or more.
+
+    The W2 of the mode before the first switch and of the mode after it, each held from the start, and the schedule,
+    which takes first the one and then the other.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        With at least one switch.
+    stop : int, optional
+        Steps to show; by default four times those before the first switch.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure by default.
+    title : str, optional
+        Title; none by default.
+    legend_loc : str or False, optional
+        Place of the legend, or False for none.
+
+    Returns
+    -------
+    control.ControlPlot
+
+    Raises
+    ------
+    ValueError
+        If the schedule never switches.
+    """
+    if not schedule.switches:
+        raise ValueError("the schedule never switches, so there is nothing to show; give one with a switch")
+    modes, first = schedule.modes, schedule.switches[0]
+    stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule], stop)
+    ax = one_axes(ax)
+    t = np.arange(stop) * modes.dk
+    single = constant_w2(modes.A, schedule.x0.second_moment, stop)
+    lines = [
+        ax.plot(t, single[i], lw=1.4, label=f"{modes.names[i]} alone", **mode_style(i))[0]
+        for i in (first.after, first.before)
+    ]
+    w2 = schedule.w2[:stop]
+    lines += ax.plot(t, w2, color="black", lw=2.4, label="switched", zorder=3)
+    for k in np.unique(np.linspace(0, stop - 2, 7).astype(int)[1:-1]):
+        arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2.4, "mutation_scale": 16}
+        ax.annotate("", (t[k + 1], w2[k + 1]), (t[k], w2[k]), arrowprops=arrow)
+    switch = first.step * modes.dk
+    ax.axvline(switch, color="black", lw=0.8, ls=":")
+    ax.annotate("$t_k$", (switch, 0), (4, 4), xycoords=("data", "axes fraction"), textcoords="offset points")
+    ax.set_xlabel(time_label(modes))
+    ax.set_ylabel(r"$W^2$ (squared state units)")
+    ax.set_ylim(bottom=0)
+    ax.spines[["top", "right"]].set_visible(False)
+    return finish(ax, lines, title or "", legend_place(legend_loc, "best"))
+
+
+def _draw_signal(ax: Axes, schedule: Schedule, stop: int) -> None:
+    """One row a mode, filled while the mode is active."""
+    dk = schedule.modes.dk
+    starts = np.array([0, *(s.step for s in schedule.switches)])
+    starts, lengths = starts[starts < stop], schedule.dwell_times[: np.count_nonzero(starts < stop)]
+    lengths = np.minimum(starts + lengths, stop) - starts
+    for i, name in enumerate(schedule.modes.names):
+        runs = [(dk * a, dk * b) for a, b in zip(starts, lengths, strict=True) if schedule.sequence[a] == i]
+        ax.broken_barh(runs, (i - 0.4, 0.8), color=mode_style(i)["color"], label=name)
+    ax.set_yticks(range(len(schedule.modes)), schedule.modes.names, fontsize="small")
+    ax.set_ylim(len(schedule.modes) - 0.5, -0.5)
+    ax.set_xlim(0, stop * dk)
+    ax.grid(True, axis="x", alpha=0.3)
+    ax.set_axisbelow(True)
+
+
+def _draw_strips(ax: Axes, schedules: dict[str, Schedule], stop: int) -> None:
+    """One row a schedule, coloured by the active mode."""
+    for place, schedule in enumerate(schedules.values()):
+        dk, starts = schedule.modes.dk, [0, *(s.step for s in schedule.switches)]
+        runs = [(dk * a, dk * b) for a, b in zip(starts, schedule.dwell_times, strict=True)]
+        ax.broken_barh(runs, (place - 0.4, 0.8), color=[mode_style(schedule.sequence[a])["color"] for a in starts])
+    ax.set_yticks(range(len(schedules)), [wrapped(label) for label in schedules], fontsize="x-small")
+    ax.set_ylim(len(schedules) - 0.5, -0.5)
+    ax.set_xlim(0, stop * dk)

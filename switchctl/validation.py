@@ -1,0 +1,102 @@
+"""The boundary: what users hand in becomes float64 arrays, once, or an error that says what to do."""
+
+import math
+from collections.abc import Sequence
+from numbers import Integral, Real
+from typing import Any, TypeVar
+
+import numpy as np
+from control import ControlDimension
+from scipy.sparse import issparse
+
+from switchctl.moments import Array
+
+Frozen = TypeVar("Frozen", bound=np.ndarray)
+
+
+def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
+    """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
+    if issparse(value):
+        raise TypeError(f"{name} is a sparse matrix; convert it with .toarray()")
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{name} is a masked array; fill its masked entries with .filled(value)")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} is not rectangular: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, not {array.dtype.name} entries")
+    array = np.array(array, dtype=float, order="C", subok=False)
+    if shape is not None and not (
+        array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    ):
+        wanted = ", ".join("any" if want is None else str(want) for want in shape)
+        raise ControlDimension(f"{name} has shape {array.shape}; expected ({wanted}{',' * (len(shape) == 1)})")
+    if not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = f"{name}[{', '.join(map(str, index))}]" if index else name
+        raise ValueError(f"{where} is {array[index]}; every entry must be finite")
+    return array
+
+
+def symmetric(array: Array, name: str) -> Array:
+    """Refuse matrices that are not symmetric; symmetrise rounding."""
+    gap = np.abs(array - np.swapaxes(array, -1, -2))
+    scale = np.abs(array).max(axis=(-1, -2), initial=0.0)
+    if (gap.max(axis=(-1, -2), initial=0.0) > 1e-10 * scale).any():
+        i, j = (int(x) for x in np.unravel_index(gap.argmax(), gap.shape)[-2:])
+        raise ValueError(
+            f"{name} is not symmetric: entries [{i}, {j}] and [{j}, {i}] differ by {gap.max():.3g}; "
+            f"pass ({name} + {name}.T) / 2 if that is what you mean"
+        )
+    return (array + np.swapaxes(array, -1, -2)) / 2
+
+
+def positive_semidefinite(array: Array, name: str) -> Array:
+    """Refuse symmetric matrices with an eigenvalue below zero (beyond rounding)."""
+    array = symmetric(array, name)
+    eigenvalues = np.linalg.eigvalsh(array)
+    least, scale = eigenvalues.min(axis=-1), np.abs(eigenvalues).max(axis=-1)
+    if (least < -1e-10 * scale).any():
+        raise ValueError(
+            f"{name} is not positive semidefinite: its least eigenvalue is {least.min():.6g}; it must be >= 0"
+        )
+    return array
+
+
+def frozen(array: Frozen) -> Frozen:
+    """Make an array read-only."""
+    array.flags.writeable = False
+    return array
+
+
+def whole_number(value: Any, name: str, least: int = 1) -> int:
+    """Check an integer of at least ``least``."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a whole number, not {value!r}")
+    if not isinstance(value, Integral) and not (math.isfinite(value) and float(value).is_integer()):
+        raise ValueError(f"{name} is {value!r}; expected a whole number")
+    if value < least:
+        raise ValueError(f"{name} is {value!r}; expected at least {least}")
+    return int(float(value)) if not isinstance(value, Integral) else int(value)
+
+
+def number(value: Any, name: str) -> float:
+    """Check a real number that is not NaN."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number, not {value!r}")
+    if math.isnan(value):
+        raise ValueError(f"{name} is nan; expected a number")
+    return float(value)
+
+
+def sampling_period(dt: Any, name: str = "dt") -> float | bool:
+    """Check a discrete timebase: a period in seconds, or True for steps without one."""
+    if dt is True or (isinstance(dt, np.bool_) and dt):
+        return True
+    if dt is None or isinstance(dt, (bool, np.bool_)):
+        raise ValueError(f"{name} is {dt!r}; expected a sampling period in seconds, or True for none")
+    period = number(dt, name)
+    if not (math.isfinite(period) and period > 0):
+        raise ValueError(f"{name} is {dt!r}; expected a positive, finite sampling period in seconds, or True")
+    return period
