@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 for success, 2 for a mistake in what was asked, 130 when interrupted.
     """
     parser = _parser()
-    asked = parser.parse_args(arguments)
+    asked = parser.parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
     try:
         asked.command(asked)
     except KeyboardInterrupt:
@@ -48,6 +48,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"switchctl: error: {' '.join(str(told).split())}", file=sys.stderr)
         return 2
     return 0
+
+
+def _joined(words: Sequence[str]) -> list[str]:
+    """Join options with values that may begin with a minus, which argparse would take for options themselves."""
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] in ("--mean", "--cov"):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

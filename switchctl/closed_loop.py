@@ -78,19 +78,17 @@ def close_loops(
     period = _period(plant, dt)
     names, entries = _entries(controllers)
     gains = np.stack([_gain(plant, entry, name, period) for name, entry in zip(names, entries, strict=True)])
-    A, B = plant.A, plant.B
-    if plant.dt == 0 and discretize == "plant":
-        sampled = control.sample_system(plant, float(period), method="zoh")
-        A, B = sampled.A, sampled.B
-    elif plant.dt != 0 and discretize == "closed_loop":
+    if plant.dt != 0 and discretize == "closed_loop":
         raise ValueError(
             f"the plant is already sampled (dt = {plant.dt}), so its loops can't be closed in continuous time; "
             "use discretize='plant' or give the continuous plant"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        modes = A - B @ gains
         if discretize == "closed_loop":
-            modes = expm(modes * float(period))
+            modes = expm((plant.A - plant.B @ gains) * float(period))
+        else:
+            sampled = control.sample_system(plant, float(period), method="zoh") if plant.dt == 0 else plant
+            modes = sampled.A - sampled.B @ gains
     if not np.isfinite(modes).all():
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
     n = plant.nstates

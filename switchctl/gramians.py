@@ -9,7 +9,7 @@ import numpy as np
 from switchctl.moments import Array
 
 _ACCURACY = 1e-3  # a tail is returned only if its relative error is provably below this
-_DOUBLINGS = 44  # a mode whose powers have not contracted after 2^44 steps is not called Schur
+_DOUBLINGS = 45
 
 
 def _transform(M: Array, G: Array) -> Array:
@@ -45,6 +45,47 @@ def horizon_gramians(A: Array, Q: Array, horizon: int) -> Array:
     return G
 
 
+def is_schur(A: Array) -> bool:
+    """Whether a mode is Schur stable: whether its powers contract within 2^44 steps.
+
+    Eigenvalues alone can't tell near the unit circle: they are off by eps^(1/k) for a defective pole of order k.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+        The mode.
+
+    Returns
+    -------
+    bool
+        A spectral radius within about 1e-13 of 1 counts as 1.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If rounding hides the answer: the powers don't contract, though the eigenvalues are well inside the unit
+        circle (transient growth beyond 1e8).
+
+    Examples
+    --------
+    >>> is_schur(np.array([[0.5, 100.0], [0.0, 0.9]])), is_schur(np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    (True, False)
+    """
+    M = A
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_DOUBLINGS):
+            if np.linalg.norm(M) < 0.5:
+                return True
+            M = M @ M
+    radius = np.abs(np.linalg.eigvals(A)).max()
+    if radius < 1 - 1e-6:
+        raise np.linalg.LinAlgError(
+            f"whether the mode is Schur is undecided: its eigenvalues are inside the unit circle (spectral radius "
+            f"{radius:.6g}), but its powers grow so much in between that rounding hides it; rescale the states"
+        )
+    return False
+
+
 def tail(A: Array, Q: Array) -> Array | None:
     """The Lyapunov solution ``P = Q + A' P A``: the mode's cost matrix for ever, checked before it is returned.
 
@@ -60,13 +101,12 @@ def tail(A: Array, Q: Array) -> Array | None:
     Returns
     -------
     array, shape (n, n), or None
-        None where the mode is not Schur: its powers do not contract within 2^44 steps (a spectral radius
-        within about 1e-13 of 1 counts as 1).
+        None where the mode is not Schur (see `is_schur`).
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If P could not be computed to a relative error of 1e-3.
+        If P could not be computed to a relative error of 1e-3, or `is_schur` can't decide.
 
     Examples
     --------
@@ -75,24 +115,19 @@ def tail(A: Array, Q: Array) -> Array | None:
     >>> tail(np.array([[1.0]]), np.array([[3.0]])) is None
     True
     """
-    identity = np.eye(len(A))
-    G, M = np.stack([Q, identity]), A
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(_DOUBLINGS):
-            size = np.linalg.norm(M)
-            if size < 1e-20 or not np.isfinite(size):
-                break
-            G, M = G + _transform(M, G), M @ M
-        if not np.linalg.norm(M) < 0.5:
-            return None
-        P, X = G
-        residual_P, residual_X = np.linalg.norm(np.stack([Q, identity]) + _transform(A, G) - G, 2, axis=(1, 2))
-        # X itself is within a factor of two where its own residual is below 1/2.
-        error = residual_P * 2 * np.linalg.norm(X, 2)
-    if not (residual_X < 0.5 and error <= _ACCURACY * np.linalg.norm(P, 2)):
+    if not is_schur(A):
+        return None
+    weights = np.stack([Q, np.eye(len(A))])
+    G, M = weights, A
+    while np.linalg.norm(M) > 1e-20:
+        G, M = G + _transform(M, G), M @ M
+    residual_P, residual_X = np.linalg.norm(weights + _transform(A, G) - G, 2, axis=(1, 2))
+    P, X = G
+    # X itself is within a factor of two where its own residual is below 1/2.
+    if not (residual_X < 0.5 and residual_P * 2 * np.linalg.norm(X, 2) <= _ACCURACY * np.linalg.norm(P, 2)):
         raise np.linalg.LinAlgError(
-            f"the cost for ever of a mode with spectral radius {np.abs(np.linalg.eigvals(A)).max():.12g} cannot be "
-            f"computed to a relative error of {_ACCURACY}; use a finite horizon"
+            f"the cost for ever cannot be computed to a relative error of {_ACCURACY} (spectral radius "
+            f"{np.abs(np.linalg.eigvals(A)).max():.12g}, greatest entry {np.abs(P).max():.3g}); use a finite horizon"
         )
     return P
 

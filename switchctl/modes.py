@@ -1,6 +1,6 @@
 """Modes: the closed loops among which a schedule chooses."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -9,7 +9,7 @@ import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
-from switchctl.gramians import tail
+from switchctl.gramians import is_schur, tail
 from switchctl.moments import Array
 from switchctl.tables import html_table
 from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period
@@ -134,13 +134,28 @@ class ModeSet:
 
     @cached_property
     def tails(self) -> tuple[Array | None, ...]:
-        """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur (see `tail`)."""
-        return tuple(tail(A, Q) for A, Q in zip(self.A, self.Q, strict=True))
+        """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur.
 
-    @property
+        Raises `numpy.linalg.LinAlgError` where one can't be computed to a relative error of 1e-3.
+        """
+        return tuple(self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self)))
+
+    @cached_property
     def schur(self) -> NDArray[np.bool_]:
-        """Whether each mode is Schur stable, shape (m,)."""
-        return np.array([P is not None for P in self.tails])
+        """Whether each mode is Schur stable, shape (m,); `numpy.linalg.LinAlgError` where rounding hides it."""
+        return np.array([self._of_mode(i, is_schur, self.A[i]) for i in range(len(self))])
+
+    def _of_mode(self, i: int, function: Callable[..., Any], *arguments: Array) -> Any:
+        try:
+            return function(*arguments)
+        except np.linalg.LinAlgError as error:
+            raise np.linalg.LinAlgError(f"mode {self.names[i]!r}: {error}") from None
+
+    def _verdict(self, i: int) -> str:
+        try:
+            return "yes" if is_schur(self.A[i]) else "no"
+        except np.linalg.LinAlgError:
+            return "undecided"
 
     def index(self, mode: int | str) -> int:
         """Index of a mode given by index or name.
@@ -192,14 +207,14 @@ class ModeSet:
         lines = [self._heading()]
         for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True)):
             branch = "└──" if i == len(self) - 1 else "├──"
-            verdict = "" if self.schur[i] else "  not Schur"
+            verdict = {"yes": "", "no": "  not Schur", "undecided": "  Schur undecided"}[self._verdict(i)]
             lines.append(f"{branch} {i}  {name:<{width}}  spectral radius {radius:.6g}{verdict}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         rows = [
-            [i, name, f"{radius:.6g}", "yes" if schur else "no"]
-            for i, (name, radius, schur) in enumerate(zip(self.names, self.spectral_radii, self.schur, strict=True))
+            [i, name, f"{radius:.6g}", self._verdict(i)]
+            for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True))
         ]
         return html_table(["index", "mode", "spectral radius", "Schur"], rows, self._heading())
 

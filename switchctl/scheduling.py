@@ -70,8 +70,9 @@ def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = N
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
-            F = modes.A[mode] @ F
-            w2 = np.vdot(F, F)
+            with np.errstate(over="ignore"):
+                F = modes.A[mode] @ F
+                w2 = np.vdot(F, F)
             if not np.isfinite(w2):
                 raise ValueError(
                     f"W2 exceeds the floating-point range after step {k}; ask for at most {k} steps, or use a method "

@@ -123,12 +123,17 @@ class Scheduler(ABC):
         ValueError
             If a shape doesn't fit, an entry is not finite, or cov is not symmetric positive semidefinite.
             Nothing is decided then, and the next call continues as if this one hadn't been.
+        FloatingPointError
+            If the second moment or a cost exceeds the floating-point range.
         """
         n = self.modes.A.shape[-1]
         mean = real_array(mean, "mean", (n,))
-        if cov is None:
-            return self.decide(np.outer(mean, mean))
-        return self.decide(second_moment(mean, positive_semidefinite(real_array(cov, "cov", (n, n)), "cov")))
+        cov = np.zeros((n, n)) if cov is None else positive_semidefinite(real_array(cov, "cov", (n, n)), "cov")
+        with np.errstate(over="ignore", invalid="ignore"):
+            S = second_moment(mean, cov)
+            if not np.isfinite(S).all():
+                raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
+            return self.decide(S)
 
 
 class Method(ABC):

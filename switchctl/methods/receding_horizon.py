@@ -171,5 +171,8 @@ class _RecedingHorizonScheduler(Scheduler):
         while not allowed.any():
             hold += 1
             moments = A @ moments @ np.swapaxes(A, -1, -2)
-            allowed = np.trace(moments, axis1=-2, axis2=-1) <= bound
+            w2 = np.trace(moments, axis1=-2, axis2=-1)
+            if not np.isfinite(w2).all():
+                raise FloatingPointError("W2 exceeds the floating-point range in a lengthened hold; scale the state")
+            allowed = w2 <= bound
         return allowed, hold

@@ -67,8 +67,9 @@ def plot_w2(
     for dash, (label, schedule) in zip(cycle(SCHEDULE_DASHES), schedules.items(), strict=False):
         w2 = positive(schedule.w2[:stop])
         lines += ax.semilogy(t[: len(w2)], w2, color="black", lw=2.2, linestyle=dash, label=label, zorder=3)
-    drawn = np.concatenate([schedule.w2[:stop] for schedule in schedules.values()])
-    ax.set_ylim(bottom=drawn[drawn > 0].min(initial=1.0) / 3)
+    drawn = positive(np.concatenate([schedule.w2[:stop] for schedule in schedules.values()]))
+    if np.isfinite(drawn).any():  # an unstable mode may leave the picture
+        ax.set_ylim(np.nanmin(drawn) / 3, min(ax.get_ylim()[1], 1e3 * np.nanmax(drawn)))
     ax.set_ylabel(r"$W^2$ (squared state units)")
     ax.tick_params(labelbottom=False)
     ax.grid(True, which="major", alpha=0.3)

@@ -110,7 +110,7 @@ def legend_place(legend_loc: Legend, default: str) -> Legend:
 
 def positive(w2: np.ndarray) -> np.ndarray:
     """Leave out what a log axis can't show."""
-    return np.where(np.isfinite(w2) & (w2 > 0), w2, np.nan)
+    return np.where((w2 > 1e-280) & (w2 < 1e280), w2, np.nan)
 
 
 def time_label(modes: ModeSet) -> str:

@@ -1,0 +1,185 @@
+"""The command line, as a user at a shell meets it."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.io
+from switchctl.models import five_mode
+
+from switchctl import Schedule
+from switchctl.cli import main
+
+PYTHON_MODEL = """
+import control, numpy as np, switchctl
+def plant(): return control.ss([[0, 1], [0, 0]], [[0], [1]], np.eye(2), 0)
+def controllers(): return {"stiff": [[40, 10]], "soft": [[1, 1]]}
+def initial_state(): return switchctl.Gaussian([1, 0], 0.01 * np.eye(2))
+"""
+
+
+def run(capsys, *words):
+    code = main(list(words))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_run_prints_a_table_and_saves_its_files(capsys, tmp_path):
+    code, out, err = run(capsys, "run", "quadrotor", "--save", str(tmp_path / "deep" / "out"))
+    assert (code, err) == (0, "")
+    assert "high" in out and "1 (low -> high at step 50)" in out and "gain over the best single mode: 8.83 %" in out
+    assert sorted(p.name for p in (tmp_path / "deep" / "out").iterdir()) == [
+        "area.png", "schedule.csv", "schedule.json", "w2.png",
+    ]  # fmt: skip
+    result = Schedule.load(tmp_path / "deep" / "out" / "schedule.json")
+    with open(tmp_path / "deep" / "out" / "schedule.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["k", "time", "index", "name", "w2"]
+    assert [int(row["index"]) for row in rows] == result.sequence.tolist()
+    assert rows[50]["name"] == "high"
+
+
+def test_options_reach_the_method(capsys):
+    words = ["--method", "receding-horizon", "--horizon", "5", "--hold", "5", "--json"]
+    _, out, _ = run(capsys, "run", "five_mode", *words)
+    record = json.loads(out)["schedules"][0]
+    assert record["method"] == "RecedingHorizon(horizon=5, hold=5)"
+    assert record["cost"] == pytest.approx(117.760, abs=5e-4)
+    _, out, _ = run(capsys, "run", "quadrotor", "--hold", "25", "--json")
+    assert json.loads(out)["schedules"][0]["method"] == "RecedingHorizon(horizon=150, hold=25)"
+    _, out, _ = run(capsys, "run", "five_mode", "--horizon", "inf", "--decrease", "0.1", "--steps", "4", "--json")
+    assert json.loads(out)["schedules"][0]["method"] == "RecedingHorizon(horizon=inf, decrease=0.1)"
+    assert json.loads(out)["schedules"][0]["steps"] == 4
+
+
+@pytest.mark.parametrize(("cov", "trace"), [("2", 4), ("1,3", 4), ("1,0.5,0.5,3", 4), ("1 3", 4)])
+def test_the_initial_state_can_be_given(capsys, tmp_path, cov, trace):
+    run(capsys, "run", "five_mode", "--mean", "-1,2", "--cov", cov, "--save", str(tmp_path))
+    x0 = Schedule.load(tmp_path / "schedule.json").x0
+    assert x0.mean.tolist() == [-1, 2]
+    assert np.trace(x0.cov) == trace
+
+
+def test_compare_and_models(capsys):
+    code, out, _ = run(capsys, "compare", "five_mode")
+    assert code == 0 and "Rollout()" in out and "PointwiseMinimum()" in out
+    assert len(json.loads(run(capsys, "compare", "suspension", "--json")[1])["schedules"]) == 2
+    code, out, _ = run(capsys, "models")
+    assert code == 0 and "quadrotor" in out
+    assert set(json.loads(run(capsys, "models", "--json")[1])) == {"five_mode", "quadrotor", "servo", "suspension"}
+
+
+def test_a_python_file(capsys, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(PYTHON_MODEL)
+    code, out, _ = run(capsys, "run", str(path))
+    assert code == 0 and "stiff" in out and "Rollout()" in out
+
+
+def test_matrices_in_json_and_mat_files_are_the_same_model(capsys, tmp_path):
+    A = [five_mode.A1, five_mode.A2, five_mode.A3, five_mode.A4, five_mode.A5]
+    names = ["A1", "A2", "A3", "A4", "A5"]
+    mean, cov = [5.0, 5.0], [[2.25, 0.0], [0.0, 2.25]]
+    (tmp_path / "m.json").write_text(json.dumps({"A": A, "names": names, "mean": mean, "cov": cov}))
+    scipy.io.savemat(tmp_path / "stack.mat", {"A": np.moveaxis(np.array(A), 0, -1), "mean": mean, "cov": cov})
+    cells = np.empty((1, 5), dtype=object)
+    cells[0, :] = [np.array(a) for a in A]
+    named = np.empty((1, 5), dtype=object)
+    named[0, :] = names
+    scipy.io.savemat(tmp_path / "cells.mat", {"A": cells, "names": named, "dt": 1.0, "mean": mean, "cov": cov})
+    outs = []
+    for file in ("m.json", "stack.mat", "cells.mat"):
+        code, out, err = run(capsys, "run", str(tmp_path / file), "--method", "pointwise", "--json")
+        assert (code, err) == (0, "")
+        outs.append(json.loads(out))
+    costs = [out["schedules"][0]["cost"] for out in outs]
+    assert costs == pytest.approx([77.77369815] * 3, abs=1e-8)
+    assert [m["name"] for m in outs[2]["modes"]] == names
+    assert outs[2]["dt"] == 1.0
+
+
+def test_an_unstable_mode_is_reported(capsys, tmp_path):
+    (tmp_path / "m.json").write_text(json.dumps({"A": [[[1.1]], [[0.5]]], "mean": [1.0]}))
+    code, out, _ = run(capsys, "run", str(tmp_path / "m.json"))
+    assert code == 0 and "inf" in out
+    assert json.loads(run(capsys, "run", str(tmp_path / "m.json"), "--json")[1])["modes"][0]["cost"] is None
+    (tmp_path / "m.json").write_text(json.dumps({"A": [[[1.1]]], "mean": [1.0]}))
+    code, out, _ = run(capsys, "compare", str(tmp_path / "m.json"))
+    assert code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["run", "octocopter"], "no bundled model and no file is named 'octocopter'"),
+        (["run", "{}/a.py"], "offers neither modes() nor plant() and controllers()"),
+        (["run", "{}/broken.py"], "does not run: SyntaxError"),
+        (["run", "{}/wrong.py"], "modes() returned a int; expected a ModeSet"),
+        (["run", "{}/data.py"], "modes must be a function"),
+        (["run", "{}/nothing.json"], "holds no A"),
+        (["run", "{}/more.json"], "holds 'B'; expected only A, Q"),
+        (["run", "{}/text.json"], "is not a JSON file"),
+        (["run", "{}/list.json"], "holds a JSON list"),
+        (["run", "{}/nan.json"], "matrices[0][0, 0] is nan"),
+        (["run", "{}/text.mat"], "is not a .mat file"),
+        (["run", "{}/readme.md"], "ends in '.md'"),
+        (["run", "{}"], "no file is named"),
+        (["run", "{}/stateless.json"], "has no initial state; give --mean"),
+        (["run", "five_mode", "--mean", "1,2,3"], "mean has shape (3,)"),
+        (["run", "five_mode", "--cov", "1,2,3"], "--cov has 3 numbers; expected 1, 2 or 4"),
+        (["run", "five_mode", "--cov=-1"], "least eigenvalue is -1"),
+        (["run", "five_mode", "--cov", "1,2,0,1"], "not symmetric"),
+        (["run", "five_mode", "--mean", "1,nan"], "mean[1] is nan"),
+        (["run", "five_mode", "--steps", "0"], "steps is 0"),
+        (["run", "five_mode", "--horizon", "0"], "horizon is 0"),
+        (["run", "five_mode", "--method", "receding-horizon"], "needs --horizon T"),
+        (["run", "five_mode", "--method", "rollout", "--hold", "3"], "--hold goes with --method receding-horizon"),
+        (["run", "five_mode", "--decrease", "2", "--horizon", "3"], "decrease is 2.0"),
+        (["run", "five_mode", "--save", "{}/readme.md"], "readme.md"),
+    ],
+)
+def test_a_users_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, words, told):
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "broken.py").write_text("def modes(:\n")
+    (tmp_path / "wrong.py").write_text("def modes(): return 3\n")
+    (tmp_path / "data.py").write_text("modes = 3\n")
+    (tmp_path / "nothing.json").write_text("{}")
+    (tmp_path / "more.json").write_text('{"A": [[[0.5]]], "B": 1}')
+    (tmp_path / "text.json").write_text("A = 3")
+    (tmp_path / "list.json").write_text("[1]")
+    (tmp_path / "nan.json").write_text('{"A": [[[NaN]]], "mean": [1]}')
+    (tmp_path / "stateless.json").write_text('{"A": [[[0.5]]]}')
+    (tmp_path / "text.mat").write_text("A = 3")
+    (tmp_path / "readme.md").write_text("A = 3")
+    code, out, err = run(capsys, *(word.replace("{}", str(tmp_path)) for word in words))
+    assert (code, out) == (2, "")
+    assert err.startswith("switchctl: error: ") and err.count("\n") == 1
+    assert told in err
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["fly"], ["run"], ["run", "servo", "--horizon", "x"], ["run", "servo", "--mean", "a"]]
+)
+def test_wrong_usage_exits_with_2(capsys, words):
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    assert exit_.value.code == 2
+    assert "usage: switchctl" in capsys.readouterr().err
+
+
+def test_as_a_process():
+    command = [sys.executable, "-m", "switchctl.cli"]
+    good = subprocess.run([*command, "run", "five_mode"], capture_output=True, text=True, encoding="utf-8")
+    assert good.returncode == 0 and "77.7737" in good.stdout
+    bad = subprocess.run([*command, "run", "nowhere"], capture_output=True, text=True)
+    assert bad.returncode == 2 and "Traceback" not in bad.stderr
+    version = subprocess.run([*command, "--version"], capture_output=True, text=True)
+    assert version.stdout.startswith("switchctl ")
+
+
+def test_interrupted(capsys, monkeypatch):
+    monkeypatch.setattr("switchctl.cli.load_model", lambda name: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert run(capsys, "run", "servo") == (130, "", "switchctl: interrupted\n")

@@ -1,0 +1,130 @@
+"""The pictures: what they hold, where they are drawn, that they fit."""
+
+import control
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from random_cases import random_gaussian, random_modes
+
+from switchctl import Constant, ModeSet, RecedingHorizon, Rollout, compare, schedule, sweep
+from switchctl.plotting import plot_area, plot_ellipses, plot_schematic, plot_sweep, plot_switching, plot_w2
+from switchctl.plotting.style import COLOURS
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+def pictures(modes, x0):
+    result, comparison = schedule(modes, x0, RecedingHorizon(20)), compare(modes, x0, [RecedingHorizon(20), Rollout()])
+    return {
+        plot_w2: result,
+        plot_area: comparison,
+        plot_switching: result,
+        plot_ellipses: result,
+        plot_schematic: result,
+        plot_sweep: sweep(modes, x0, [1, 20], [1, 5]),
+    }
+
+
+def test_every_picture_is_a_control_plot_and_takes_its_keywords(pair):
+    for plot, data in pictures(*pair).items():
+        made = plot(data)
+        assert isinstance(made, control.ControlPlot)
+        figure, ax = plt.subplots()
+        given = plot(data, ax=ax, title="A title", legend_loc=False)
+        assert given.figure is figure
+        assert given.axes[0, 0] is ax
+        assert ax.get_title() == "A title"
+        assert ax.get_legend() is None
+        with pytest.raises(TypeError, match="colour"):
+            plot(data, colour="red")
+        with pytest.raises(ValueError, match="one matplotlib Axes"):
+            plot(data, ax=plt.subplots(1, 2)[1])
+        assert all(axis.get_xlabel() for axis in made.axes[-1])
+
+
+def drawn_inside(figure):
+    """Whether everything drawn stays inside the figure."""
+    figure.canvas.draw()
+    drawn, page = figure.get_tightbbox(figure.canvas.get_renderer()), figure.bbox_inches
+    return drawn.x0 >= -0.01 and drawn.y0 >= -0.01 and drawn.x1 <= page.x1 + 0.01 and drawn.y1 <= page.y1 + 0.01
+
+
+@pytest.mark.parametrize("m", [2, 10])
+@pytest.mark.parametrize("width", [6.4, 3.4])
+def test_everything_fits_at_notebook_and_column_width(m, width):
+    rng = np.random.default_rng(1)
+    modes, x0 = ModeSet(random_modes(rng, 3, m)), random_gaussian(rng, 3)
+    comparison = compare(modes, x0, {"rollout": Rollout()})
+    result = comparison.schedules["rollout"]
+    with plt.rc_context({"font.size": 10 if width > 5 else 7}):
+        for plot, data in {
+            plot_w2: comparison,
+            plot_area: comparison,
+            plot_switching: result,
+            plot_ellipses: result,
+        }.items():
+            _, ax = plt.subplots(figsize=(width, 0.66 * width), layout="constrained")
+            assert drawn_inside(plot(data, ax=ax).figure)
+
+
+def test_w2_draws_every_mode_the_schedule_and_the_signal(pair):
+    modes, x0 = pair
+    comparison = compare(modes, x0, {"rollout": Rollout()})
+    plot = comparison.plot(stop=30)
+    w2, band = plot.axes[:, 0]
+    lines = {line.get_label(): line for line in w2.get_lines()}
+    assert list(lines) == ["fast", "calm", "rollout"]
+    np.testing.assert_allclose(lines["rollout"].get_ydata(), comparison.schedules["rollout"].w2[:30])
+    np.testing.assert_allclose(lines["calm"].get_ydata(), comparison.single_w2[1, :30])
+    assert [lines[name].get_color() for name in modes.names] == list(COLOURS[:2])
+    assert [label.get_text() for label in band.get_yticklabels()] == ["fast", "calm"]
+    assert band.get_xlim() == (0, 3.0)
+    assert plt.rcParams["axes.grid"] is False
+
+
+def test_the_signal_is_filled_while_a_mode_is_active(pair):
+    result = schedule(*pair, RecedingHorizon(20))
+    (switch,) = result.switches
+    ax = plot_switching(result, stop=20).axes[0, 0]
+    fast, calm = (c.get_paths() for c in ax.collections)
+    assert calm[0].get_extents().x1 == pytest.approx(fast[0].get_extents().x0) == pytest.approx(0.1 * switch.step)
+    assert fast[0].get_extents().x1 == pytest.approx(2.0)
+
+
+def test_ellipses_hold_the_probability_they_say(pair):
+    modes, x0 = pair
+    result = schedule(modes, x0, RecedingHorizon(20))
+    ax = plot_ellipses(result, probability=0.8).axes[0, 0]
+    samples = np.random.default_rng(1).multivariate_normal(x0.mean, x0.cov, 20_000)
+    assert ax.patches[0].get_path().contains_points(samples).mean() == pytest.approx(0.8, abs=0.01)
+    by_name = plot_ellipses(result, states=("x[1]", "x[0]")).axes[0, 0]
+    assert by_name.get_xlabel().startswith("x[1]")
+
+
+def test_unstable_modes_and_states_at_the_target_can_be_drawn():
+    modes = ModeSet([[[1.5, 0.0], [0.0, 1.5]], [[0.5, 0.0], [0.0, 0.5]]])
+    x0 = random_gaussian(np.random.default_rng(1), 2)
+    comparison = compare(modes, x0, [Rollout()], steps=2000)
+    comparison.plot(stop=2000).figure.canvas.draw()
+    texts = [t.get_text() for t in comparison.plot_area().axes[0, 0].texts]
+    assert texts[0] == "not Schur: infinite"
+    at_target = schedule(modes, type(x0)([0.0, 0.0], np.zeros((2, 2))), Rollout(), steps=3)
+    for plot in (plot_w2, plot_switching, plot_ellipses):
+        plot(at_target).figure.canvas.draw()
+
+
+def test_wrong_input(pair):
+    result = schedule(*pair, RecedingHorizon(20))
+    with pytest.raises(ValueError, match="never switches"):
+        plot_schematic(schedule(*pair, Constant(0)))
+    for states in ((0, 0), (0, 2), ("x[0]", "y"), (0,), (0, -1)):
+        with pytest.raises(ValueError, match="two different ones of"):
+            plot_ellipses(result, states=states)
+    with pytest.raises(ValueError, match="probability is 1"):
+        plot_ellipses(result, probability=1)
+    with pytest.raises(ValueError, match="stop is 0"):
+        plot_w2(result, stop=0)

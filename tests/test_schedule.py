@@ -1,0 +1,295 @@
+"""Schedules: the cost convention, what follows from a sequence, files."""
+
+import json
+import math
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_cases import random_gaussian, random_modes
+
+import switchctl.scheduling
+from switchctl import (
+    Constant,
+    FormatError,
+    Gaussian,
+    ModeSet,
+    PointwiseMinimum,
+    RecedingHorizon,
+    Rollout,
+    Schedule,
+    compare,
+    schedule,
+    single_mode_costs,
+    sweep,
+)
+
+
+def plain_cost(modes, x0, sequence, tail, terms=20000):
+    """The convention summed plainly, tail and all."""
+    S, total = x0.second_moment, 0.0
+    word = [*sequence, *(tail * (terms // len(tail)))]
+    for mode in word:
+        total += np.trace(modes.Q[mode] @ S)
+        S = modes.A[mode] @ S @ modes.A[mode].T
+    return modes.dk * total
+
+
+def test_the_cost_is_the_sum_to_the_end_of_time():
+    rng = np.random.default_rng(1)
+    Q = np.stack([np.diag([1.0, 0.0, 2.0]), np.eye(3)])
+    modes, x0 = ModeSet(random_modes(rng, 3, 2), dt=0.1, Q=Q), random_gaussian(rng, 3)
+    sequence = rng.integers(0, 2, 12)
+    for tail in ((), (0,), (1, 0, 1)):
+        result = Schedule(modes, x0, sequence, tail)
+        expected = plain_cost(modes, x0, sequence, tail or (sequence[-1],))
+        assert result.cost == pytest.approx(expected, rel=1e-10)
+    assert result.area() == pytest.approx(0.1 * result.w2.sum())
+    assert result.area(3, 5) == pytest.approx(0.1 * (result.w2[3] + result.w2[4]))
+    assert result.area(4, 4) == 0
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_the_convention_is_linear_and_single_modes_agree(seed):
+    rng = np.random.default_rng(seed)
+    modes, x0 = ModeSet(random_modes(rng, 3, 3), dt=0.5), random_gaussian(rng, 3)
+    for i, cost in enumerate(single_mode_costs(modes, x0)):
+        for steps in (1, 7):
+            assert schedule(modes, x0, Constant(i), steps).cost == pytest.approx(cost, rel=1e-9)
+    twice = Gaussian(np.sqrt(2) * x0.mean, 2 * x0.cov)
+    sequence = rng.integers(0, 3, 9)
+    assert Schedule(modes, twice, sequence).cost == pytest.approx(2 * Schedule(modes, x0, sequence).cost, rel=1e-9)
+
+
+def test_a_schedule_is_its_moments_along_its_sequence():
+    rng = np.random.default_rng(2)
+    modes, x0 = ModeSet(random_modes(rng, 3, 2), dt=0.1), random_gaussian(rng, 3)
+    result = Schedule(modes, x0, [0, 0, 1, 1, 1, 0])
+    assert result.mean.shape == (3, 6)
+    assert result.cov.shape == (6, 3, 3)
+    mean, cov = x0.mean, x0.cov
+    for k, mode in enumerate(result.sequence):
+        np.testing.assert_allclose(result.mean[:, k], mean, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(result.cov[k], cov, rtol=1e-9, atol=1e-12)
+        assert result.w2[k] == pytest.approx(mean @ mean + np.trace(cov))
+        mean, cov = modes.A[mode] @ mean, modes.A[mode] @ cov @ modes.A[mode].T
+    np.testing.assert_allclose(result.final.mean, mean)
+    np.testing.assert_allclose(result.time, 0.1 * np.arange(6))
+    assert [tuple(s) for s in result.switches] == [(2, 0, 1), (5, 1, 0)]
+    assert result.dwell_times.tolist() == [2, 3, 1]
+    assert Schedule(modes, x0, [1]).dwell_times.tolist() == [1]
+
+
+def test_w2_is_the_mean_of_samples():
+    rng = np.random.default_rng(3)
+    modes, x0 = ModeSet(random_modes(rng, 3, 2)), random_gaussian(rng, 3)
+    result = schedule(modes, x0, Rollout(), steps=10)
+    x = rng.multivariate_normal(x0.mean, x0.cov, 200_000).T
+    for k, mode in enumerate(result.sequence):
+        squared = np.sum(x**2, axis=0)
+        assert abs(squared.mean() - result.w2[k]) <= 5 * squared.std() / np.sqrt(200_000)
+        x = modes.A[mode] @ x
+
+
+def test_arrays_are_read_only(pair):
+    result = schedule(*pair, Rollout())
+    for array in (result.sequence, result.w2, result.mean, result.cov):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_a_schedule_ends_and_says_why(pair, monkeypatch):
+    modes, x0 = pair
+    result = schedule(modes, x0, Rollout())
+    assert result.status == "converged"
+    assert result.final.w2() <= 1e-12 * result.w2[0] < result.w2[-1]
+    assert schedule(modes, x0, Rollout(), steps=3).status == "number of steps reached"
+    unstable = ModeSet([[[1.1]]])
+    diverged = schedule(unstable, Gaussian([1.0], [[0.0]]), Constant(0))
+    assert diverged.status == "diverged"
+    assert diverged.cost == math.inf
+    monkeypatch.setattr(switchctl.scheduling, "CEILING", 7)
+    assert (len(schedule(modes, x0, Rollout())), schedule(modes, x0, Rollout()).status) == (
+        7,
+        "ceiling of steps reached",
+    )
+
+
+def test_a_state_at_the_target_stays_there(pair):
+    result = schedule(pair[0], Gaussian([0.0, 0.0], np.zeros((2, 2))), PointwiseMinimum())
+    assert (len(result), result.cost, result.status) == (1, 0.0, "converged")
+    assert compare(pair[0], result.x0, Rollout()).rows()[0]["ratio"] is None
+
+
+def test_a_nilpotent_mode_reaches_the_target_exactly():
+    modes = ModeSet([[[0.0, 1.0], [0.0, 0.0]], [[0.9, 0.0], [0.0, 0.9]]])
+    result = schedule(modes, Gaussian([1.0, 1.0], np.eye(2)), Rollout(), steps=6)
+    assert result.w2[2:].tolist() == [0.0] * 4
+    assert result.cost == pytest.approx(4 + 2)
+
+
+def test_moments_leave_the_range():
+    with pytest.raises(ValueError, match="W2 exceeds the floating-point range after step 36"):
+        schedule(ModeSet([[[1e4, 0.0], [0.0, 1e4]]]), Gaussian([1e10, 0.0], np.eye(2)), Constant(0), steps=100)
+
+
+def test_ctrl_c_returns_the_steps_so_far(pair):
+    class Interrupted(switchctl.Method):
+        def start(self, modes):
+            scheduler = Rollout().start(modes)
+            decide, calls = scheduler.decide, iter(range(100))
+
+            def interrupted(S):
+                if next(calls) == 5:
+                    raise KeyboardInterrupt
+                return decide(S)
+
+            scheduler.decide = interrupted
+            return scheduler
+
+    result = schedule(*pair, Interrupted())
+    assert (len(result), result.status) == (5, "interrupted")
+    assert result.sequence.tolist() == schedule(*pair, Rollout(), steps=5).sequence.tolist()
+
+
+def test_ctrl_c_in_a_sweep_keeps_what_is_done(pair, monkeypatch):
+    plain, calls = switchctl.sweeping.schedule, iter(range(100))
+
+    def interrupted(*arguments):
+        if next(calls) == 3:
+            raise KeyboardInterrupt
+        return plain(*arguments)
+
+    monkeypatch.setattr(switchctl.sweeping, "schedule", interrupted)
+    result = sweep(*pair, [1, 5], [1, 2])
+    assert np.isnan(result.cost).tolist() == [[False, False], [False, True]]
+    assert "nan" in repr(result)
+
+
+def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
+    result = schedule(*pair, Rollout(), steps=12)
+    table = result.to_pandas()
+    assert list(table) == ["time", "index", "name", "w2"]
+    assert table.index.name == "k"
+    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k")
+    pandas.testing.assert_frame_equal(table, read, check_dtype=False)
+    assert read["w2"].tolist() == result.w2.tolist()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_saving_and_loading_is_the_identity(tmp_path_factory, seed):
+    rng = np.random.default_rng(seed)
+    modes = ModeSet(
+        random_modes(rng, 3, 2), ["a", 'é,"'], 0.1, Q=np.diag([1.0, 2.0, 0.0]), gains=rng.standard_normal((2, 1, 3))
+    )
+    original = schedule(modes, random_gaussian(rng, 3), RecedingHorizon(4, decrease=0.3), steps=20)
+    loaded = Schedule.load(original.save(tmp_path_factory.mktemp("files") / "schedule.json"))
+    for name in ("method", "status", "tail", "lengthened", "cost", "switches"):
+        assert getattr(loaded, name) == getattr(original, name)
+    for name in ("sequence", "w2", "mean", "cov"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(original, name))
+    for name in ("A", "Q", "gains", "names", "states", "dt"):
+        np.testing.assert_array_equal(getattr(loaded.modes, name), getattr(modes, name))
+
+
+def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):
+    original = schedule(ModeSet([[[1.1]]]), Gaussian([1.0], [[0.0]]), Constant(0), steps=3)
+    loaded = Schedule.load(original.save(tmp_path / "s.json"))
+    assert loaded.modes.dt is True
+    assert loaded.cost == math.inf
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(format="switchctl certificate"), "is not a switchctl schedule"),
+        (lambda d: d.update(version=99), "has version 99"),
+        (lambda d: d.pop("sequence"), "damaged schedule: 'sequence'"),
+        (lambda d: d["sequence"].__setitem__(0, 7), "damaged schedule: mode 7 is out of range"),
+        (lambda d: d["A"][0][0].pop(), "damaged schedule"),
+        (lambda d: d.update(cost=1.0), "states the cost 1.0"),
+        (lambda d: d.update(cov=[[1, 2], [2, 1]]), "least eigenvalue"),
+    ],
+)
+def test_a_damaged_file_is_a_format_error(pair, tmp_path, change, words):
+    path = schedule(*pair, Rollout(), steps=5).save(tmp_path / "s.json")
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(FormatError, match=words):
+        Schedule.load(path)
+
+
+def test_other_files_are_format_errors(tmp_path):
+    for content in (b"", b"{", b"\xff\xfe", b"[1, 2]", b"k,time\n0,0\n"):
+        (tmp_path / "s.json").write_bytes(content)
+        with pytest.raises(FormatError):
+            Schedule.load(tmp_path / "s.json")
+    with pytest.raises(FileNotFoundError):
+        Schedule.load(tmp_path / "none.json")
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_other(pair, tmp_path, monkeypatch):
+    path = tmp_path / "s.json"
+    first = schedule(*pair, Rollout(), steps=5)
+    first.save(path)
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        schedule(*pair, Rollout(), steps=6).save(path)
+    assert len(Schedule.load(path)) == 5
+    assert [p.name for p in tmp_path.iterdir()] == ["s.json"]
+
+
+def test_comparison_has_every_single_mode(pair):
+    modes, x0 = pair
+    result = compare(modes, x0, [Rollout(), RecedingHorizon(20)])
+    labels = [row["label"] for row in result.rows()]
+    assert labels == ["fast", "calm", "Rollout()", "RecedingHorizon(horizon=20)"]
+    assert result.rows()[1]["ratio"] == 1.0
+    np.testing.assert_allclose([row["cost"] for row in result.rows()[:2]], single_mode_costs(modes, x0))
+    assert list(compare(modes, x0, Rollout()).schedules) == ["Rollout()"]
+    assert "<td>Rollout()</td>" in result._repr_html_()
+
+
+def test_sweep_is_the_table_of_single_runs(pair):
+    result = sweep(*pair, [2, math.inf], [1, 4])
+    for i, T in enumerate((2, math.inf)):
+        for j, hold in enumerate((1, 4)):
+            assert result.cost[i, j] == schedule(*pair, RecedingHorizon(T, hold)).cost
+    np.testing.assert_allclose(result.relative, result.cost / single_mode_costs(*pair).min())
+    assert "hold 4" in result._repr_html_()
+
+
+def test_wrong_arguments(pair):
+    modes, x0 = pair
+    for call, error, words in (
+        (lambda: schedule(modes, x0, "rollout"), TypeError, "must be a Method"),
+        (lambda: schedule(modes, x0, Rollout), TypeError, "must be a Method"),
+        (lambda: schedule(modes.A, x0, Rollout()), TypeError, "must be a ModeSet"),
+        (lambda: schedule(modes, [1.0, 1.0], Rollout()), TypeError, "must be a Gaussian, not a list"),
+        (lambda: schedule(modes, Gaussian([1.0], [[1.0]]), Rollout()), ValueError, "the modes have 2 states"),
+        (lambda: schedule(modes, x0, Rollout(), steps=0), ValueError, "steps is 0"),
+        (lambda: schedule(modes, x0, Rollout(), steps=2.5), ValueError, "steps is 2.5"),
+        (lambda: schedule(modes, x0, Rollout(), steps="9"), TypeError, "'9'"),
+        (lambda: schedule(modes, x0, Rollout(), horizon=3), TypeError, "horizon"),
+        (lambda: compare(modes, x0, []), ValueError, "methods is empty"),
+        (lambda: compare(modes, x0, {"fast": Rollout()}), ValueError, "name of a mode"),
+        (lambda: compare(modes, x0, ["rollout"]), TypeError, "must be a Method"),
+        (lambda: sweep(modes, x0, [], [1]), ValueError, "at least one"),
+        (lambda: sweep(modes, x0, [5], [0]), ValueError, "hold is 0"),
+        (lambda: Schedule(modes, x0, []), ValueError, "sequence is empty"),
+        (lambda: Schedule(modes, x0, [0, 2]), IndexError, "mode 2 is out of range"),
+        (lambda: Schedule(modes, x0, [0, 0.5]), TypeError, "index or its name"),
+        (lambda: Schedule(modes, x0, [0]).area(0, 5), ValueError, "0 <= start <= stop <= 1"),
+        (lambda: Schedule(modes, x0, [0]).area(-1), ValueError, "start is -1"),
+    ):
+        with pytest.raises(error, match=words):
+            call()
+
+
+def test_names_are_good_for_a_sequence(pair):
+    assert Schedule(*pair, ["calm", "fast"]).sequence.tolist() == [1, 0]
