@@ -320,7 +320,8 @@ class Schedule:
         ]
         if self.lengthened:
             steps = ", ".join(str(k) for k, _ in self.lengthened[:5]) + ", .." * (len(self.lengthened) > 5)
-            facts.append(("lengthened", f"{len(self.lengthened)} holds, for stability, at step {steps}"))
+            holds = f"{len(self.lengthened)} hold{'s' * (len(self.lengthened) > 1)}"
+            facts.append(("lengthened", f"{holds}, for stability, at step {steps}"))
         return [(key, value) for key, value in facts if value]
 
     def _heading(self) -> str:

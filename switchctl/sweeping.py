@@ -121,7 +121,7 @@ def sweep(
     best = best_single_mode(modes, x0)
     cost = np.full((len(settings), len(settings[0])), np.nan)
     try:
-        with tqdm(total=cost.size, desc="sweep", unit="schedule", delay=1, leave=False) as progress:
+        with tqdm(total=cost.size, desc="sweep", unit="schedule", delay=2, leave=False) as progress:
             for row, methods in enumerate(settings):
                 for column, method in enumerate(methods):
                     cost[row, column] = schedule(modes, x0, method, steps).cost

@@ -22,8 +22,12 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 def html_table(header: Sequence[str], rows: Sequence[Sequence[Any]], caption: str) -> str:
     """One HTML table with a caption."""
     head = "".join(f"<th>{escape(str(cell))}</th>" for cell in header)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    style = "caption-side: top; text-align: left; font-weight: bold"
+    left = ' style="text-align: left"'
+    body = "".join(
+        "<tr>" + "".join(f"<td{left * (j == 0)}>{escape(str(cell))}</td>" for j, cell in enumerate(row)) + "</tr>"
+        for row in rows
+    )
+    style = "caption-side: top; text-align: left; font-weight: bold; white-space: nowrap"
     return (
         f'<table><caption style="{style}">{escape(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -156,7 +156,7 @@ def test_a_hold_is_lengthened_until_a_mode_meets_the_constraint():
     w2 = result.w2
     assert first == 0
     assert w2[2 + added] <= 0.5 * w2[0] < w2[1 + added]
-    assert "holds, for stability" in repr(result)
+    assert "1 hold, for stability, at step 0" in repr(result)
     unconstrained = schedule(modes, Gaussian([1.0, 1.0], np.zeros((2, 2))), RecedingHorizon(5, hold=2))
     assert unconstrained.lengthened == ()
 

@@ -252,7 +252,7 @@ def test_comparison_has_every_single_mode(pair):
     assert result.rows()[1]["ratio"] == 1.0
     np.testing.assert_allclose([row["cost"] for row in result.rows()[:2]], single_mode_costs(modes, x0))
     assert list(compare(modes, x0, Rollout()).schedules) == ["Rollout()"]
-    assert "<td>Rollout()</td>" in result._repr_html_()
+    assert ">Rollout()</td>" in result._repr_html_()
 
 
 def test_sweep_is_the_table_of_single_runs(pair):
