@@ -63,9 +63,9 @@ def smat(s: Array) -> Array:
     """
     n = int(np.sqrt(2 * s.shape[-1]))
     rows, columns, weights = _triangle(n)
-    X = np.empty((*s.shape[:-1], n, n))
-    X[..., rows, columns] = X[..., columns, rows] = s / weights
-    return X
+    place = np.empty((n, n), dtype=np.intp)
+    place[rows, columns] = place[columns, rows] = np.arange(len(rows))
+    return (s / weights)[..., place]
 
 
 def moment_maps(A: Array) -> Array:

@@ -41,6 +41,8 @@ def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None)
 
 def symmetric(array: Array, name: str) -> Array:
     """Refuse matrices that are not symmetric; symmetrise rounding."""
+    if (array == np.swapaxes(array, -1, -2)).all():
+        return array
     gap = np.abs(array - np.swapaxes(array, -1, -2))
     scale = np.abs(array).max(axis=(-1, -2), initial=0.0)
     if (gap.max(axis=(-1, -2), initial=0.0) > 1e-10 * scale).any():

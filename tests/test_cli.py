@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 import scipy.io
-from switchctl.models import five_mode
 
 from switchctl import Schedule
 from switchctl.cli import main
+from switchctl.models import five_mode
 
 PYTHON_MODEL = """
 import control, numpy as np, switchctl

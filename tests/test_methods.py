@@ -161,6 +161,27 @@ def test_a_hold_is_lengthened_until_a_mode_meets_the_constraint():
     assert unconstrained.lengthened == ()
 
 
+def test_a_disturbance_begins_the_constraint_anew():
+    modes = ModeSet([[[0.999, 0.1], [0.0, 0.9]], [[0.99, 0.0], [0.0, 0.995]]])
+    method = RecedingHorizon(20, decrease=0.1)
+    fresh = method.start(modes)
+    for past in ([[0.0, 0.0], [0.0, 0.0]], [[1e-200, 0.0]] * 3, [[1e-3, 1e-3]]):
+        scheduler = method.start(modes)
+        for x in past:
+            scheduler.step(x)
+            for _ in range(scheduler.lengthened):
+                scheduler.step(x)
+        assert scheduler.step([1.0, 1.0]) == fresh.step([1.0, 1.0])
+        assert scheduler.lengthened == fresh.lengthened > 0
+        fresh.reset()
+
+
+def test_a_constraint_on_moments_that_underflow_ends():
+    modes = ModeSet([[[0.5, 1.0], [0.0, 0.5]], [[0.99, 0.0], [0.0, 0.9]]])
+    result = schedule(modes, Gaussian([1.0, 1.0], np.eye(2)), RecedingHorizon(5, decrease=0.5), steps=2000)
+    assert result.w2[-1] == 0.0
+
+
 def test_the_horizon_may_vary_with_the_update(pair):
     modes, x0 = pair
     varying = schedule(modes, x0, RecedingHorizon([3, 50]))

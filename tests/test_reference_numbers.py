@@ -5,7 +5,6 @@ import math
 import control
 import numpy as np
 import pytest
-from switchctl.models import quadrotor as model
 
 from switchctl import (
     Constant,
@@ -17,6 +16,7 @@ from switchctl import (
     single_mode_costs,
     sweep,
 )
+from switchctl.models import quadrotor as model
 
 
 def test_example_1_single_modes(example):

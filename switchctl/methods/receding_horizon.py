@@ -29,9 +29,9 @@ class RecedingHorizon(Method):
 
     and hold it until ``t_{j+1} = t_j + hold``. Where no mode satisfies the constraint, the hold is lengthened step by
     step until one does: it exists, because every mode is Schur. ``W2(t_0)`` stands for the missing
-    ``W2(t_{-1})``. The constraint makes the switched system mean-square stable (Theorem 1 of the paper); a running
-    scheduler that has seen a disturbance should be `reset`, or it will wait until W2 is back where it was. A
-    decision is one small matrix-vector product, whatever the horizon.
+    ``W2(t_{-1})``, and after a disturbance, a W2(t_j) that the mode held before can't have made, W2(t_j) itself. The
+    constraint makes the switched system mean-square stable (Theorem 1 of the paper). A decision is one small
+    matrix-vector product, whatever the horizon.
 
     Parameters
     ----------
@@ -113,9 +113,8 @@ class _RecedingHorizonScheduler(Scheduler):
         self.method = method
         self.table = lru_cache(maxsize=64)(self._table)
         # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
-        after_hold = np.stack([np.linalg.matrix_power(A, method.hold) for A in modes.A])
-        self.w2_after_hold = svec(np.swapaxes(after_hold, -1, -2) @ after_hold)
-        self.after_hold = after_hold
+        self.after_hold = np.linalg.matrix_power(modes.A, method.hold)
+        self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
         super().__init__(modes)
         self.table(method.at(0))  # an impossible horizon is refused at the start, not at the first sample
 
@@ -123,7 +122,7 @@ class _RecedingHorizonScheduler(Scheduler):
         self.j = 0  # number of the coming update
         self.mode = 0
         self.remaining = 0  # steps until the coming update
-        self.last_w2: float | None = None  # W2(t_{j-1})
+        self.last_w2, self.growth = 0.0, 0.0  # W2(t_{j-1}), and how much of it the mode held since may have made
 
     def _table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
         """Row i dotted with svec(S) is the cost of mode i over the horizon; which rows are finite."""
@@ -151,12 +150,20 @@ class _RecedingHorizonScheduler(Scheduler):
 
     def _update(self, S: Array) -> None:
         table, allowed = self.table(self.method.at(self.j))
-        hold, w2 = self.method.hold, float(np.trace(S))
+        hold = self.method.hold
         if self.method.decrease is not None:
-            bound = (1 - self.method.decrease) * (w2 if self.last_w2 is None else self.last_w2)
-            allowed, hold = self._stabilising(S, bound)
+            w2 = float(np.trace(S))
+            # More than the held mode can have made of W2(t_{j-1}) is a disturbance: W2(t_j) is then a new W2(t_0).
+            past = self.last_w2 if w2 <= self.growth * self.last_w2 else w2
+            allowed, hold = self._stabilising(S, (1 - self.method.decrease) * past)
         self.mode = least_cost(table @ svec(S), allowed)
-        self.last_w2 = w2
+        if self.method.decrease is not None:
+            held = (
+                self.after_hold[self.mode]
+                if hold == self.method.hold
+                else np.linalg.matrix_power(self.modes.A[self.mode], hold)
+            )
+            self.last_w2, self.growth = w2, float(np.linalg.norm(held, 2)) ** 2 * (1 + 1e-9)
         self.lengthened = hold - self.method.hold
         self.remaining = hold
         self.j += 1
@@ -164,6 +171,7 @@ class _RecedingHorizonScheduler(Scheduler):
     def _stabilising(self, S: Array, bound: float) -> tuple[NDArray[np.bool_], int]:
         """The modes with ``W2(t_{j+1}) <= bound``, and the shortest hold from the usual on that has any."""
         hold = self.method.hold
+        bound = max(bound, np.finfo(float).tiny)  # below it a moment may stick at the last denormal
         allowed = self.w2_after_hold @ svec(S) <= bound
         if allowed.any():
             return allowed, hold
