@@ -96,7 +96,7 @@ def test_repr_in_a_notebook():
         ([1j * np.eye(2)], {}, TypeError, "real numbers, not complex128"),
         ([np.array([[None, 1], [0, 1]])], {}, TypeError, "real numbers, not object"),
         ([[["a", "b"], ["c", "d"]]], {}, TypeError, "real numbers"),
-        ([scipy.sparse.eye_array(2)], {}, TypeError, "toarray"),
+        ([scipy.sparse.eye(2)], {}, TypeError, "toarray"),
         (np.ma.masked_array(np.zeros((1, 2, 2)), mask=True), {}, TypeError, "masked"),
         (3, {}, TypeError, "must be the A_i"),
         (A, {"names": ["a"]}, ValueError, "names has 1 entries; expected 2"),

@@ -174,7 +174,7 @@ def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
     table = result.to_pandas()
     assert list(table) == ["time", "index", "name", "w2"]
     assert table.index.name == "k"
-    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k")
+    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k", float_precision="round_trip")
     pandas.testing.assert_frame_equal(table, read, check_dtype=False)
     assert read["w2"].tolist() == result.w2.tolist()
 
