@@ -4,6 +4,9 @@ A plant and several controllers, as python-control objects, become modes (`close
 for an uncertain initial state (`schedule`).
 """
 
+from importlib import import_module
+from types import ModuleType
+
 from switchctl.closed_loop import close_loops
 from switchctl.comparison import Comparison, compare
 from switchctl.files import FormatError
@@ -24,6 +27,14 @@ from switchctl.scheduling import schedule
 from switchctl.sweeping import Sweep, sweep
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import the pictures and the models when they are first asked for."""
+    if name in ("plotting", "models"):
+        return import_module(f"switchctl.{name}")
+    raise AttributeError(f"module 'switchctl' has no attribute {name!r}")
+
 
 __all__ = [
     "Comparison",

@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
-    comparison = commands.add_parser("compare", help="run every method on a model", allow_abbrev=False)
+    comparison = commands.add_parser("compare", help="run several methods on a model, and its own", allow_abbrev=False)
     _model_arguments(comparison)
     comparison.set_defaults(command=_compare)
 
@@ -96,8 +96,8 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
-        help="a bundled model (see 'switchctl models'), a Python file that offers modes() and initial_state(), or a "
-        ".json or .mat file with the matrices A",
+        help="a bundled model (see 'switchctl models'), a Python file with modes() (or plant() and "
+        "controllers()), initial_state() and perhaps method(), or a .json or .mat file with the matrices A",
     )
     parser.add_argument("--steps", type=int, metavar="N", help="default: until W2 is 1e-12 of its start")
     parser.add_argument("--mean", type=_numbers, metavar="X,X,..", help="mean of the initial state")
@@ -141,7 +141,7 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     if isinstance(own, RecedingHorizon):
         settings = {"horizon": own.horizon, "hold": own.hold, "decrease": own.decrease} | settings
     if "horizon" not in settings:
-        raise ValueError("--method receding-horizon needs --horizon T")
+        raise ValueError("a receding horizon needs --horizon T")
     return RecedingHorizon(**settings)
 
 
@@ -151,9 +151,11 @@ def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
     mean = asked.mean if asked.mean is not None else None if given is None else given.mean
     if mean is None:
         raise ValueError(f"{asked.model} has no initial state; give --mean (and --cov)")
+    if len(mean) != n:
+        raise ValueError(f"--mean has {len(mean)} numbers; expected {n}, one for each state")
     if asked.cov is None:
         return Gaussian(mean, np.zeros((n, n)) if given is None else given.cov)
-    sizes: dict[int, Any] = {1: lambda v: v * np.eye(n), n: np.diag, n * n: lambda v: v.reshape(n, n)}
+    sizes: dict[int, Any] = {1: lambda v: np.diag(np.full(n, v[0])), n: np.diag, n * n: lambda v: v.reshape(n, n)}
     if asked.cov.size not in sizes:
         raise ValueError(f"--cov has {asked.cov.size} numbers; expected 1, {n} or {n * n}, for {n} states")
     return Gaussian(mean, sizes[asked.cov.size](asked.cov))
@@ -181,8 +183,11 @@ def _run(asked: argparse.Namespace) -> None:
 
 def _compare(asked: argparse.Namespace) -> None:
     model = load_model(asked.model)
-    methods = [PointwiseMinimum(), Rollout() if model.modes.schur.any() else None, model.method]
-    comparison = compare(model.modes, _initial_state(asked, model), [m for m in methods if m is not None], asked.steps)
+    methods: list[Method] = [PointwiseMinimum(), RecedingHorizon(10), RecedingHorizon(50)]
+    if model.modes.schur.any():
+        methods += [RecedingHorizon(np.inf), Rollout()]
+    labelled = {repr(method): method for method in [*methods, model.method]}
+    comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps)
     print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
 
 

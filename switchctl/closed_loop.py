@@ -33,8 +33,9 @@ def close_loops(
     Parameters
     ----------
     plant : control.StateSpace or control.TransferFunction
-        Continuous or sampled. A transfer function is realised by `control.ss`. A nonlinear plant has to be
-        linearised first, ``plant.linearize(x, u)``.
+        Continuous or sampled. A transfer function is realised by `control.ss`; gain arrays, weights, the initial
+        state and W2 are then in the states of that realisation. A nonlinear plant has to be linearised first,
+        ``plant.linearize(x, u)``.
     controllers : dict or sequence
         One entry a mode, named by the dict (or "C0", "C1", ..). A gain array of shape (inputs, states) means
         ``u = -K x``, the sign of `control.lqr`. A static `StateSpace` or `TransferFunction` means what
@@ -92,11 +93,16 @@ def close_loops(
     if not np.isfinite(modes).all():
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
     n = plant.nstates
-    weight = positive_semidefinite(np.eye(n) if Q is None else real_array(Q, "Q", (n, n)), "Q")
+    weight = np.eye(n) if Q is None else _weight(Q, "Q", n)
     if R is not None:
-        effort = positive_semidefinite(real_array(R, "R", (plant.ninputs, plant.ninputs)), "R")
+        effort = _weight(R, "R", plant.ninputs)
         weight = weight + np.swapaxes(gains, -1, -2) @ effort @ gains
     return ModeSet(modes, names, period, Q=weight, gains=gains, states=plant.state_labels)
+
+
+def _weight(value: Any, name: str, n: int) -> Array:
+    """A symmetric positive semidefinite matrix; a number will do for one by one."""
+    return positive_semidefinite(real_array([[value]] if np.ndim(value) == 0 else value, name, (n, n)), name)
 
 
 def _state_space(plant: Any) -> control.StateSpace:
@@ -158,6 +164,8 @@ def _gain(plant: control.StateSpace, controller: Any, name: str, period: float |
     """The state feedback ``u = -K x`` that a static controller amounts to."""
     label = f"controllers[{name!r}]"
     if not isinstance(controller, control.InputOutputSystem):
+        if isinstance(controller, tuple) and len(controller) == 3 and np.ndim(controller[0]) == 2:
+            raise TypeError(f"{label} is a tuple of three, as control.lqr returns (K, S, E); pass K, its first entry")
         gain = real_array(controller, label)
         gain = gain[None, :] if gain.ndim == 1 else np.atleast_2d(gain)
         if gain.shape != (plant.ninputs, plant.nstates):

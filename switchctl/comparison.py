@@ -164,9 +164,12 @@ def compare(
     """
     if isinstance(methods, Method):
         methods = [methods]
-    labelled = dict(methods) if isinstance(methods, Mapping) else {repr(method): method for method in methods}
+    pairs = methods.items() if isinstance(methods, Mapping) else [(repr(method), method) for method in methods]
+    labelled = dict(pairs)
     if not labelled:
         raise ValueError("methods is empty; give at least one method")
+    if len(labelled) < len(pairs):
+        raise ValueError("methods holds two that read the same; give a dict with a label for each")
     for label in labelled:
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")

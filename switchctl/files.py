@@ -14,6 +14,8 @@ class FormatError(ValueError):
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a file whole or not at all: into a temporary file beside it, then renamed."""
     path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {str(path.parent)!r} to write {path.name} into; create it first")
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
     try:
         with open(handle, "w", encoding="utf-8", newline="") as file:

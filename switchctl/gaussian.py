@@ -45,7 +45,8 @@ class Gaussian:
         n = mean.shape[-1] if mean.ndim else 0
         if n == 0 or cov.shape != (*mean.shape, n):
             raise ControlDimension(
-                f"mean has shape {mean.shape} and cov has shape {cov.shape}; expected (..., n) and (..., n, n)"
+                f"mean has shape {mean.shape} and cov has shape {cov.shape}; expected (n,) and (n, n), "
+                "or a batch of them, (.., n) and (.., n, n)"
             )
         object.__setattr__(self, "mean", frozen(mean))
         object.__setattr__(self, "cov", frozen(positive_semidefinite(cov, "cov")))

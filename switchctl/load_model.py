@@ -2,6 +2,9 @@
 
 import importlib
 import importlib.util
+import sys
+import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -39,7 +42,7 @@ def load_model(name: str) -> Model:
     name : str
         A bundled model or a path. A Python file offers what the bundled models do: ``initial_state()``, and ``modes()``
         or ``plant()`` and ``controllers()``; ``method()`` if it likes. A .json file holds an object with ``A`` and, if
-        it likes, ``names``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file the same variables, with A of shape
+        it likes, ``names``, ``states``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file the same variables, with A of shape
         n x n x m or a cell array of the A_i.
 
     Returns
@@ -70,14 +73,25 @@ def load_model(name: str) -> Model:
 
 
 def _execute(path: Path) -> ModuleType:
+    """Run a file as Python runs a script: its folder on the path, its name among the modules."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None  # a .py file always has a loader
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise FormatError(f"{path} does not run: {type(error).__name__}: {error}") from error
+    module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(path.parent.resolve()))
+    _call(spec.loader.exec_module, str(path), module)
     return module
+
+
+def _call(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
+    """Call what a user's file offers; an error says where in the file it arose."""
+    try:
+        return function(*arguments)
+    except Exception as error:
+        lines = [
+            frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == Path(name)
+        ]
+        where = f", line {lines[-1]}" if lines else ""
+        raise FormatError(f"{name}{where}: {type(error).__name__}: {error}") from error
 
 
 def _from_module(module: ModuleType, name: str) -> Model:
@@ -85,32 +99,36 @@ def _from_module(module: ModuleType, name: str) -> Model:
     for f, function in functions.items():
         if function is not None and not callable(function):
             raise FormatError(f"{name}: {f} must be a function; got {function!r}")
-    if functions["modes"]:
-        modes = functions["modes"]()
-    elif functions["plant"] and functions["controllers"]:
-        modes = close_loops(functions["plant"](), functions["controllers"]())
-    else:
-        raise FormatError(f"{name} offers neither modes() nor plant() and controllers()")
-    initial_state = functions["initial_state"]() if functions["initial_state"] else None
-    method = functions["method"]() if functions["method"] else Rollout()
-    expected = (
+
+    def made(f: str) -> Any:
+        function = functions[f]
+        return None if function is None else _call(function, name)
+
+    modes = made("modes")
+    if functions["modes"] is None:
+        if not (functions["plant"] and functions["controllers"]):
+            raise FormatError(f"{name} offers neither modes() nor plant() and controllers()")
+        modes = _call(close_loops, name, made("plant"), made("controllers"))
+    initial_state, method = made("initial_state"), made("method")
+    for f, value, kind in (
         ("modes", modes, ModeSet),
         ("initial_state", initial_state, Gaussian),
         ("method", method, Method),
-    )
-    for f, value, kind in expected:
-        if value is not None and not isinstance(value, kind):
+    ):
+        if functions[f] is not None and not isinstance(value, kind):
             raise FormatError(f"{name}: {f}() returned a {type(value).__name__}; expected a {kind.__name__}")
-    return Model(modes, initial_state, method)
+    return Model(modes, initial_state, method or Rollout())
 
 
 def _from_matrices(content: dict[str, Any], name: str) -> Model:
-    known = {"A", "names", "dt", "Q", "mean", "cov"}
+    known = {"A", "names", "states", "dt", "Q", "mean", "cov"}
     if "A" not in content:
         raise FormatError(f"{name} holds no A, the matrices of the modes; it holds {', '.join(content) or 'nothing'}")
     if unknown := set(content) - known:
         raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(known))}")
-    modes = ModeSet(content["A"], content.get("names"), content.get("dt", True), Q=content.get("Q"))
+    modes = ModeSet(
+        content["A"], content.get("names"), content.get("dt", True), Q=content.get("Q"), states=content.get("states")
+    )
     if "mean" not in content:
         return Model(modes, None, Rollout())
     n = modes.A.shape[-1]
@@ -124,12 +142,15 @@ def _read_mat(path: Path) -> dict[str, Any]:
         content = {key: value for key, value in loadmat(path).items() if not key.startswith("__")}
     except Exception as error:
         raise FormatError(f"{path} is not a .mat file that scipy reads (version 7 or older): {error}") from None
-    if "A" in content:
-        A = content["A"]
+    for name in {"A", "Q"} & set(content):
+        value = content[name]
         # MATLAB stacks along the third axis; a cell array arrives as an array of objects.
-        content["A"] = list(A.ravel()) if A.dtype == object else np.moveaxis(np.atleast_3d(A), -1, 0)
-    if "names" in content:
-        content["names"] = [str(np.squeeze(name)).strip() for name in content["names"].ravel()]
+        if value.dtype == object:
+            content[name] = list(value.ravel())
+        elif name == "A" or value.ndim == 3:
+            content[name] = np.moveaxis(np.atleast_3d(value), -1, 0)
+    for name in {"names", "states"} & set(content):
+        content[name] = [str(np.squeeze(word)).strip() for word in content[name].ravel()]
     if "dt" in content:
         content["dt"] = content["dt"].item() if content["dt"].size == 1 else content["dt"]
     if "mean" in content:

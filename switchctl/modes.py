@@ -157,13 +157,13 @@ class ModeSet:
         except np.linalg.LinAlgError:
             return "undecided"
 
-    def index(self, mode: int | str) -> int:
-        """Index of a mode given by index or name.
+    def index(self, mode: int | str | Mode) -> int:
+        """Index of a mode given by index, by name or as one of this set.
 
         Parameters
         ----------
-        mode : int or str
-            Index from 0 (negative from the end, as in Python) or name.
+        mode : int, str or Mode
+            Index from 0 (negative from the end, as in Python), name, or mode (known by its name).
 
         Returns
         -------
@@ -176,20 +176,24 @@ class ModeSet:
         IndexError
             If the index is out of range.
         """
+        mode = mode.name if isinstance(mode, Mode) else mode
         if isinstance(mode, str):
             if mode not in self.names:
                 raise KeyError(f"no mode is named {mode!r}; the modes are {', '.join(self.names)}")
             return self.names.index(mode)
         if isinstance(mode, bool) or not isinstance(mode, (int, np.integer)):
-            raise TypeError(f"a mode is given by its index or its name, not {mode!r}")
+            raise TypeError(f"a mode is given by its index or its name, not {mode!r} ({type(mode).__name__})")
         if not -len(self) <= mode < len(self):
             raise IndexError(f"mode {mode} is out of range; there are {len(self)} modes, counted from 0")
         return int(mode) % len(self)
 
-    def __getitem__(self, mode: int | str) -> Mode:
+    def __getitem__(self, mode: int | str | Mode) -> Mode:
         i = self.index(mode)
         K = None if self.gains is None else self.gains[i]
         return Mode(i, self.names[i], self.A[i], self.Q[i], K, self.dt, self.states)
+
+    def __contains__(self, mode: object) -> bool:
+        return (mode.name if isinstance(mode, Mode) else mode) in self.names
 
     def __len__(self) -> int:
         return len(self.A)

@@ -346,7 +346,9 @@ def check_state(modes: ModeSet, x0: Gaussian) -> None:
     if not isinstance(modes, ModeSet):
         raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
     if not isinstance(x0, Gaussian):
-        raise TypeError(f"x0 must be a Gaussian, not a {type(x0).__name__}; for a state known exactly give cov = 0")
+        raise TypeError(
+            f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
+        )
     n = modes.A.shape[-1]
     if x0.mean.shape != (n,):
         raise ControlDimension(f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},)")

@@ -66,7 +66,7 @@ def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = N
     status = "number of steps reached"
     try:
         for k in tqdm(range(limit), desc="schedule", unit="step", delay=2, leave=False):
-            mode = scheduler.decide(F @ F.T)
+            mode = modes.index(scheduler.decide(F @ F.T))
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)

@@ -1,6 +1,6 @@
 """The receding horizon over many horizons and holds."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +43,8 @@ class Sweep:
 
     @property
     def relative(self) -> Array:
-        """Cost relative to the best single mode: below 1, switching helps."""
-        return self.cost / self.best_single_cost
+        """Cost relative to the best single mode: below 1, switching helps (NaN where that costs nothing)."""
+        return self.cost / (self.best_single_cost or np.nan)
 
     def _cells(self) -> list[list[str]]:
         return [[f"T = {T}", *(f"{cost:.6g}" for cost in row)] for T, row in zip(self.horizons, self.cost, strict=True)]
@@ -75,8 +75,8 @@ class Sweep:
 def sweep(
     modes: ModeSet,
     x0: Gaussian,
-    horizons: Sequence[int | float],
-    holds: Sequence[int],
+    horizons: Iterable[int | float],
+    holds: Iterable[int],
     decrease: float | None = None,
     steps: int | None = None,
 ) -> Sweep:
@@ -115,6 +115,10 @@ def sweep(
     T = 20  16.2132   14.776
     best single mode: calm, 19.8952
     """
+    for name, values in (("horizons", horizons), ("holds", holds)):
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise TypeError(f"{name} must be a sequence of settings to try, not {values!r}")
+    horizons, holds = tuple(horizons), tuple(holds)
     settings = [[RecedingHorizon(T, hold, decrease) for hold in holds] for T in horizons]
     if not settings or not settings[0]:
         raise ValueError("horizons and holds must each hold at least one setting")
@@ -130,4 +134,4 @@ def sweep(
         if np.isnan(cost).all():
             raise
     best_cost = float(single_mode_costs(modes, x0)[best.index])
-    return Sweep(tuple(horizons), tuple(holds), frozen(cost), best, best_cost)
+    return Sweep(horizons, holds, frozen(cost), best, best_cost)

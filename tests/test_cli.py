@@ -66,7 +66,7 @@ def test_the_initial_state_can_be_given(capsys, tmp_path, cov, trace):
 def test_compare_and_models(capsys):
     code, out, _ = run(capsys, "compare", "five_mode")
     assert code == 0 and "Rollout()" in out and "PointwiseMinimum()" in out
-    assert len(json.loads(run(capsys, "compare", "suspension", "--json")[1])["schedules"]) == 2
+    assert len(json.loads(run(capsys, "compare", "suspension", "--json")[1])["schedules"]) == 5
     code, out, _ = run(capsys, "models")
     assert code == 0 and "quadrotor" in out
     assert set(json.loads(run(capsys, "models", "--json")[1])) == {"five_mode", "quadrotor", "servo", "suspension"}
@@ -77,6 +77,24 @@ def test_a_python_file(capsys, tmp_path):
     path.write_text(PYTHON_MODEL)
     code, out, _ = run(capsys, "run", str(path))
     assert code == 0 and "stiff" in out and "Rollout()" in out
+
+
+def test_a_python_file_may_import_its_neighbours_and_hold_its_own_method(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "neighbour_of_mine.py").write_text(PYTHON_MODEL)
+    (tmp_path / "with_method.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "import switchctl\n"
+        "from neighbour_of_mine import plant, controllers, initial_state\n"
+        "@dataclass(frozen=True, repr=False)\n"
+        "class Mine(switchctl.Method):\n"
+        "    mode: int = 1\n"
+        "    def start(self, modes): return switchctl.Constant(self.mode).start(modes)\n"
+        "def method(): return Mine()\n"
+    )
+    code, out, err = run(capsys, "run", str(tmp_path / "with_method.py"))
+    assert (code, err) == (0, "") and "Mine()" in out
 
 
 def test_matrices_in_json_and_mat_files_are_the_same_model(capsys, tmp_path):
@@ -101,6 +119,17 @@ def test_matrices_in_json_and_mat_files_are_the_same_model(capsys, tmp_path):
     assert outs[2]["dt"] == 1.0
 
 
+def test_weights_in_a_mat_file_are_stacked_as_its_matrices(capsys, tmp_path):
+    A, Q = np.stack([0.5 * np.eye(2), 0.6 * np.eye(2)]), np.stack([np.diag([1.0, 3.0]), np.diag([2.0, 0.0])])
+    for file, weight in (("stack.mat", np.moveaxis(Q, 0, -1)), ("one.mat", Q[0])):
+        content = {"A": np.moveaxis(A, 0, -1), "Q": weight, "mean": [1.0, 1.0], "states": np.array(["a", "b"])}
+        scipy.io.savemat(tmp_path / file, content)
+        assert run(capsys, "run", str(tmp_path / file), "--save", str(tmp_path))[0] == 0
+        modes = Schedule.load(tmp_path / "schedule.json").modes
+        np.testing.assert_array_equal(modes.Q, Q if file == "stack.mat" else np.stack([Q[0]] * 2))
+        assert modes.states == ("a", "b")
+
+
 def test_an_unstable_mode_is_reported(capsys, tmp_path):
     (tmp_path / "m.json").write_text(json.dumps({"A": [[[1.1]], [[0.5]]], "mean": [1.0]}))
     code, out, _ = run(capsys, "run", str(tmp_path / "m.json"))
@@ -116,7 +145,8 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
     [
         (["run", "octocopter"], "no bundled model and no file is named 'octocopter'"),
         (["run", "{}/a.py"], "offers neither modes() nor plant() and controllers()"),
-        (["run", "{}/broken.py"], "does not run: SyntaxError"),
+        (["run", "{}/broken.py"], "broken.py: SyntaxError"),
+        (["run", "{}/raises.py"], "raises.py, line 2: ZeroDivisionError: division by zero"),
         (["run", "{}/wrong.py"], "modes() returned a int; expected a ModeSet"),
         (["run", "{}/data.py"], "modes must be a function"),
         (["run", "{}/nothing.json"], "holds no A"),
@@ -128,14 +158,14 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
         (["run", "{}/readme.md"], "ends in '.md'"),
         (["run", "{}"], "no file is named"),
         (["run", "{}/stateless.json"], "has no initial state; give --mean"),
-        (["run", "five_mode", "--mean", "1,2,3"], "mean has shape (3,)"),
+        (["run", "five_mode", "--mean", "1,2,3"], "--mean has 3 numbers; expected 2"),
         (["run", "five_mode", "--cov", "1,2,3"], "--cov has 3 numbers; expected 1, 2 or 4"),
         (["run", "five_mode", "--cov=-1"], "least eigenvalue is -1"),
         (["run", "five_mode", "--cov", "1,2,0,1"], "not symmetric"),
         (["run", "five_mode", "--mean", "1,nan"], "mean[1] is nan"),
         (["run", "five_mode", "--steps", "0"], "steps is 0"),
         (["run", "five_mode", "--horizon", "0"], "horizon is 0"),
-        (["run", "five_mode", "--method", "receding-horizon"], "needs --horizon T"),
+        (["run", "five_mode", "--method", "receding-horizon"], "a receding horizon needs --horizon T"),
         (["run", "five_mode", "--method", "rollout", "--hold", "3"], "--hold goes with --method receding-horizon"),
         (["run", "five_mode", "--decrease", "2", "--horizon", "3"], "decrease is 2.0"),
         (["run", "five_mode", "--save", "{}/readme.md"], "readme.md"),
@@ -144,6 +174,7 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
 def test_a_users_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, words, told):
     (tmp_path / "a.py").write_text("x = 1\n")
     (tmp_path / "broken.py").write_text("def modes(:\n")
+    (tmp_path / "raises.py").write_text("def modes():\n    return 1 / 0\n")
     (tmp_path / "wrong.py").write_text("def modes(): return 3\n")
     (tmp_path / "data.py").write_text("modes = 3\n")
     (tmp_path / "nothing.json").write_text("{}")

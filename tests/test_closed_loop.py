@@ -86,6 +86,7 @@ def test_weights():
     for name, gain in K.items():
         np.testing.assert_allclose(modes[name].Q, Q + 0.5 * gain.T @ gain)
     np.testing.assert_array_equal(close_loops(axis(), K).Q[0], np.eye(2))
+    np.testing.assert_array_equal(close_loops(axis(), K, R=0.5).Q, close_loops(axis(), K, R=[[0.5]]).Q)
 
 
 def test_names_and_kinds_of_controllers():
@@ -127,6 +128,7 @@ def explosive():
         (axis(), {"k": control.tf([1], [1, 1])}, {}, TypeError, "has 1 states"),
         (axis(), {"k": control.ss([], [], [], np.ones((1, 5)))}, {}, ValueError, "5 inputs and 1 outputs; expected 2"),
         (axis(), {"k": nonlinear()}, {}, TypeError, "gain array or a static StateSpace"),
+        (axis(), {"k": control.lqr(axis(), np.eye(2), [[1]])}, {}, TypeError, r"pass K, its first entry"),
         (axis(), {1: [[1.0, 1.0]]}, {}, TypeError, "non-empty strings"),
         (axis(), K, {"dt": 0}, ValueError, "positive, finite"),
         (axis(), K, {"dt": -0.1}, ValueError, "positive, finite"),

@@ -221,6 +221,7 @@ def test_ties_go_to_the_lowest_index():
     for method in METHODS:
         assert set(schedule(modes, x0, method, steps=10).sequence) == {0}
     assert best_single_mode(modes, x0).index == 0
+    assert Constant(best_single_mode(modes, x0)) == Constant("A0")
     assert least_cost(np.array([1.0, 1.0 - 1e-13, 1.0 - 1e-11])) == 2
     assert least_cost(np.array([0.0, 0.0, -1e-300])) == 2
     assert least_cost(np.array([3.0, 1.0, 2.0]), np.array([True, False, True])) == 2

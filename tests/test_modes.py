@@ -16,7 +16,8 @@ def test_a_set_of_modes_is_a_sequence_with_names():
     assert len(modes) == 2
     assert modes.A.shape == (2, 2, 2)
     assert [mode.name for mode in modes] == ["slow", "fast"]
-    assert modes["fast"].index == modes[1].index == modes[-1].index == 1
+    assert "slow" in modes and modes[1] in modes and "medium" not in modes
+    assert modes[modes["fast"]].index == modes["fast"].index == modes[1].index == modes[-1].index == 1
     np.testing.assert_array_equal(modes["slow"].A, A[0])
     assert modes.dk == 0.1
     assert ModeSet(A).dk == 1.0

@@ -174,9 +174,9 @@ def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
     table = result.to_pandas()
     assert list(table) == ["time", "index", "name", "w2"]
     assert table.index.name == "k"
-    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k", float_precision="round_trip")
+    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k")
     pandas.testing.assert_frame_equal(table, read, check_dtype=False)
-    assert read["w2"].tolist() == result.w2.tolist()
+    assert read["w2"].tolist() == pytest.approx(result.w2, rel=1e-15)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -278,6 +278,9 @@ def test_wrong_arguments(pair):
         (lambda: schedule(modes, x0, Rollout(), horizon=3), TypeError, "horizon"),
         (lambda: compare(modes, x0, []), ValueError, "methods is empty"),
         (lambda: compare(modes, x0, {"fast": Rollout()}), ValueError, "name of a mode"),
+        (lambda: compare(modes, x0, [Rollout(), Rollout()]), ValueError, "two that read the same"),
+        (lambda: sweep(modes, x0, 50, [1]), TypeError, "horizons must be a sequence"),
+        (lambda: Schedule(modes, x0, [0]).save("/nowhere/s.json"), FileNotFoundError, "no folder '/nowhere'"),
         (lambda: compare(modes, x0, ["rollout"]), TypeError, "must be a Method"),
         (lambda: sweep(modes, x0, [], [1]), ValueError, "at least one"),
         (lambda: sweep(modes, x0, [5], [0]), ValueError, "hold is 0"),
@@ -293,3 +296,31 @@ def test_wrong_arguments(pair):
 
 def test_names_are_good_for_a_sequence(pair):
     assert Schedule(*pair, ["calm", "fast"]).sequence.tolist() == [1, 0]
+
+
+def test_a_sweep_takes_any_iterable(pair):
+    result = sweep(*pair, (T for T in (1, 5)), range(1, 3))
+    assert result.cost.shape == (2, 2)
+    assert (result.horizons, result.holds) == ((1, 5), (1, 2))
+
+
+def test_what_a_method_decides_is_checked(pair):
+    class Wrong(switchctl.Method):
+        def __init__(self, answer):
+            self.answer = answer
+
+        def start(self, modes):
+            answer = self.answer
+
+            class Scheduler(switchctl.Scheduler):
+                def decide(self, S):
+                    return answer
+
+            return Scheduler(modes)
+
+    for answer, error in ((7, IndexError), (0.5, TypeError), (None, TypeError)):
+        with pytest.raises(error, match="mode"):
+            schedule(*pair, Wrong(answer))
+        with pytest.raises(error, match="mode"):
+            Wrong(answer).start(pair[0]).step([1.0, 1.0])
+    assert schedule(*pair, Wrong("calm"), steps=2).sequence.tolist() == [1, 1]

@@ -60,7 +60,7 @@ class Scheduler(ABC):
     Parameters
     ----------
     modes : ModeSet
-        The modes to choose from.
+        The modes to choose from. The constructor ends with `reset`.
     """
 
     lengthened: int = 0
@@ -133,7 +133,7 @@ class Scheduler(ABC):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
                 raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
-            return self.decide(S)
+            return self.modes.index(self.decide(S))
 
 
 class Method(ABC):

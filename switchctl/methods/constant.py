@@ -16,8 +16,8 @@ class Constant(Method):
 
     Parameters
     ----------
-    mode : int or str
-        Its index or name.
+    mode : int, str or Mode
+        Its index or name, or the mode itself.
 
     Examples
     --------
@@ -26,7 +26,11 @@ class Constant(Method):
     1
     """
 
-    mode: int | str
+    mode: int | str | Mode
+
+    def __post_init__(self) -> None:
+        if isinstance(self.mode, Mode):
+            object.__setattr__(self, "mode", self.mode.name)
 
     def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
         return _ConstantScheduler(modes, modes.index(self.mode))

@@ -11,8 +11,8 @@ from switchctl.modes import ModeSet
 class PointwiseMinimum(Method):
     """Take, at every sample, the mode whose next W2 is least (the paper's case T = 0).
 
-    Counted with the present sample, which a stage weight may make depend on the mode (control effort), this is the
-    receding horizon with T = 1, re-decided every step. It does not look ahead, and may do worse than a poor
+    With stage weights other than the identity, the mode whose present and next sample cost least together: in either
+    case the receding horizon with T = 1, re-decided every step. It does not look ahead, and may do worse than a poor
     mode held for ever.
 
     Examples

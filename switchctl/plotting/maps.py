@@ -23,7 +23,7 @@ def plot_area(
 ) -> ControlPlot:
     """Draw the cost of every single mode and of the schedules as bars (figure b of the paper).
 
-    A mode that is not Schur has no finite cost and is marked so.
+    A cost that is not finite (a mode or a tail that is not Schur) has no bar, and is marked so.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def plot_area(
     ax = one_axes(ax)
     rows = comparison.rows()
     finite = [row["cost"] for row in rows if np.isfinite(row["cost"])]
-    top = max(finite, default=1.0)
+    top = max(finite, default=0.0) or 1.0
     m = len(comparison.modes)
     bars = []
     for place, row in enumerate(rows):
         colour = COLOURS[place % len(COLOURS)] if place < m else "black"
         drawn = row["cost"] if np.isfinite(row["cost"]) else 0.0
         bars += ax.barh(place, drawn, color=colour, height=0.7, label=row["label"])
-        told = f"{row['cost']:.4g}" if np.isfinite(row["cost"]) else "not Schur: infinite"
+        told = f"{row['cost']:.4g}" if np.isfinite(row["cost"]) else "infinite"
         ax.text(drawn + 0.01 * top, place, told, va="center", fontsize="small")
     ax.set_yticks(range(len(rows)), [wrapped(row["label"]) for row in rows])
     ax.invert_yaxis()
@@ -179,7 +179,7 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
 def _state_pair(modes: ModeSet, states: Sequence[int | str]) -> list[int]:
     n = len(modes.states)
     pair = [modes.states.index(s) if s in modes.states else s for s in states]
-    if len(pair) != 2 or pair[0] == pair[1] or not all(isinstance(s, int) and 0 <= s < n for s in pair):
+    if len(pair) != 2 or pair[0] == pair[1] or not all(isinstance(s, int | np.integer) and 0 <= s < n for s in pair):
         raise ValueError(
             f"states is {states!r}; expected two different ones of {', '.join(modes.states)}, or their indices"
         )

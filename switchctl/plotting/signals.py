@@ -58,7 +58,8 @@ def plot_w2(
     modes, x0 = data.modes, data.x0
     stop = steps_shown(list(schedules.values()), stop)
     one = len(schedules) == 1
-    ax, band = split_axes(one_axes(ax), rows=len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules))
+    rows = len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules)
+    ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
     t = np.arange(stop) * modes.dk
     lines = [
         ax.semilogy(t, positive(w2), lw=1.4, label=name, **mode_style(i))[0]
@@ -69,7 +70,8 @@ def plot_w2(
         lines += ax.semilogy(t[: len(w2)], w2, color="black", lw=2.2, linestyle=dash, label=label, zorder=3)
     drawn = positive(np.concatenate([schedule.w2[:stop] for schedule in schedules.values()]))
     if np.isfinite(drawn).any():  # an unstable mode may leave the picture
-        ax.set_ylim(np.nanmin(drawn) / 3, min(ax.get_ylim()[1], 1e3 * np.nanmax(drawn)))
+        bottom, top = ax.get_ylim()
+        ax.set_ylim(max(bottom, np.nanmin(drawn) / 100), min(top, np.nanmax(drawn) * 1e3))
     ax.set_ylabel(r"$W^2$ (squared state units)")
     ax.tick_params(labelbottom=False)
     ax.grid(True, which="major", alpha=0.3)

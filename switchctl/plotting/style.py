@@ -80,7 +80,9 @@ def finish(ax: Axes, handles: list[Any], title: str, legend_loc: Legend) -> Cont
     """Add title and legend, and wrap up."""
     legend = None
     if legend_loc == "above":
-        columns = _columns([len(handle.get_label()) for handle in handles], 0.8 * figure_of(ax).get_figwidth())
+        columns = _columns(
+            [len(handle.get_label()) for handle in handles], ax.get_position().width * figure_of(ax).get_figwidth()
+        )
         place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": columns}
         legend = ax.legend(handles=handles, title=title or None, frameon=False, fontsize="small", **place)
     else:
