@@ -1,6 +1,7 @@
 """The command line: run a model, compare methods, list the models."""
 
 import argparse
+import io
 import json
 import sys
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from switchctl.load_model import Model, bundled, load_model
 from switchctl.methods import Method, PointwiseMinimum, RecedingHorizon, Rollout
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
+from switchctl.scheduling import INTERRUPTED
 
 METHODS = {"receding-horizon": RecedingHorizon, "pointwise": PointwiseMinimum, "rollout": Rollout}
 
@@ -35,8 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     asked = parser.parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # not every terminal knows the branches of a tree
     try:
-        asked.command(asked)
+        if not asked.command(asked):
+            raise KeyboardInterrupt
     except KeyboardInterrupt:
         print("switchctl: interrupted", file=sys.stderr)
         return 130
@@ -161,27 +166,29 @@ def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
     return Gaussian(mean, sizes[asked.cov.size](asked.cov))
 
 
-def _run(asked: argparse.Namespace) -> None:
+def _run(asked: argparse.Namespace) -> bool:
+    """Schedule, print and save; False where Ctrl-C cut the schedule short."""
     model = load_model(asked.model)
     method, x0 = _method(asked, model), _initial_state(asked, model)
     if asked.save:
         asked.save.mkdir(parents=True, exist_ok=True)
     comparison = compare(model.modes, x0, {"schedule": method}, asked.steps)
-    schedule = comparison.schedules["schedule"]
+    (schedule,) = comparison.schedules.values()
     saved = _save(asked.save, comparison, schedule) if asked.save else []
     best = comparison.single_costs.min()
     if asked.json:
         print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
-        return
+        return _whole(comparison)
     print(comparison)
     print(f"\n{schedule!r}")
     if np.isfinite(best) and best > 0:
         print(f"\ngain over the best single mode: {1 - schedule.cost / best:.2%}".replace("%", " %"))
     for path in saved:
         print(f"saved {path}")
+    return _whole(comparison)
 
 
-def _compare(asked: argparse.Namespace) -> None:
+def _compare(asked: argparse.Namespace) -> bool:
     model = load_model(asked.model)
     methods: list[Method] = [PointwiseMinimum(), RecedingHorizon(10), RecedingHorizon(50)]
     if model.modes.schur.any():
@@ -189,14 +196,20 @@ def _compare(asked: argparse.Namespace) -> None:
     labelled = {repr(method): method for method in [*methods, model.method]}
     comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps)
     print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
+    return _whole(comparison)
 
 
-def _models(asked: argparse.Namespace) -> None:
+def _whole(comparison: Comparison) -> bool:
+    return all(schedule.status != INTERRUPTED for schedule in comparison.schedules.values())
+
+
+def _models(asked: argparse.Namespace) -> bool:
     described = bundled()
     if asked.json:
         print(json.dumps(described, indent=1))
     else:
         print("\n".join(f"{name:<12} {line}" for name, line in described.items()))
+    return True
 
 
 def _record(comparison: Comparison) -> dict[str, Any]:

@@ -76,8 +76,8 @@ def close_loops(
     if discretize not in ("plant", "closed_loop"):
         raise ValueError(f"discretize is {discretize!r}; expected 'plant' or 'closed_loop'")
     plant = _state_space(plant)
-    period = _period(plant, dt)
     names, entries = _entries(controllers)
+    period = _period(plant, dt, entries)
     gains = np.stack([_gain(plant, entry, name, period) for name, entry in zip(names, entries, strict=True)])
     if plant.dt != 0 and discretize == "closed_loop":
         raise ValueError(
@@ -130,16 +130,19 @@ def _state_space(plant: Any) -> control.StateSpace:
     return plant
 
 
-def _period(plant: control.StateSpace, dt: Any) -> float | bool:
-    """The sampling period of the modes, from the plant's timebase and the argument."""
+def _period(plant: control.StateSpace, dt: Any, controllers: list[Any]) -> float | bool:
+    """The sampling period of the modes: the plant's, the argument's or, where neither tells, a controller's."""
     given = None if dt is None else sampling_period(dt)
     if plant.dt == 0:
         if given is True:
             raise ValueError("dt is True, but the plant is continuous; expected a sampling period in seconds")
         return _DEFAULT_PERIOD if given is None else given
     own = sampling_period(plant.dt, "plant.dt")
+    if own is True and given in (None, True):
+        told = (getattr(controller, "dt", None) for controller in controllers)
+        return next((sampling_period(dt) for dt in told if dt not in (None, True, 0)), True)
     if given is None or _same_period(own, given):
-        return own if own is not True or given is None else given
+        return given if own is True and given is not None else own
     raise ValueError(f"dt is {given} s, but the plant is sampled with dt = {own} s; expected the same, or no dt")
 
 
@@ -194,11 +197,12 @@ def _gain(plant: control.StateSpace, controller: Any, name: str, period: float |
         return D
     # u = -D (C x + D_plant u), so (I + D D_plant) u = -D C x
     loop = np.eye(plant.ninputs) + D @ plant.D
-    condition = np.linalg.cond(loop)
+    size = 1 + np.linalg.norm(D, 2) * np.linalg.norm(plant.D, 2)  # of what cancels where the loop is ill-posed
+    condition = size / max(np.linalg.norm(loop, -2), np.finfo(float).tiny)
     if not condition < 1e12:
         raise ValueError(
-            f"the loop of {label} is ill-posed: I + K D, D the plant's feedthrough, has condition number "
-            f"{condition:.3g}; change the gain or the feedthrough"
+            f"the loop of {label} is ill-posed: I + K D, D the plant's feedthrough, is singular to working accuracy "
+            f"(condition number {condition:.3g}); change the gain or the feedthrough"
         )
     return np.linalg.solve(loop, D @ plant.C)
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from switchctl.gaussian import Gaussian
 from switchctl.methods import Method, single_mode_costs
+from switchctl.methods.base import check_state
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, constant_w2
 from switchctl.result import Schedule
-from switchctl.scheduling import schedule
+from switchctl.scheduling import INTERRUPTED, schedule
 from switchctl.tables import html_table, text_table
 
 if TYPE_CHECKING:
@@ -145,6 +146,7 @@ def compare(
     Returns
     -------
     Comparison
+        Interrupted by Ctrl-C, with the schedules so far, the last one cut short and labelled so.
 
     Raises
     ------
@@ -170,7 +172,17 @@ def compare(
         raise ValueError("methods is empty; give at least one method")
     if len(labelled) < len(pairs):
         raise ValueError("methods holds two that read the same; give a dict with a label for each")
+    check_state(modes, x0)
     for label in labelled:
+        if not isinstance(label, str):
+            raise TypeError(f"methods is labelled with {label!r}; labels are strings")
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
-    return Comparison(modes, x0, {label: schedule(modes, x0, m, steps) for label, m in labelled.items()})
+    schedules: dict[str, Schedule] = {}
+    for label, method in labelled.items():
+        result = schedule(modes, x0, method, steps)
+        interrupted = result.status == INTERRUPTED
+        schedules[f"{label} ({INTERRUPTED})" if interrupted else label] = result
+        if interrupted:
+            break
+    return Comparison(modes, x0, schedules)

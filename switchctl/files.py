@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -13,16 +14,22 @@ class FormatError(ValueError):
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a file whole or not at all: into a temporary file beside it, then renamed."""
-    path = Path(path)
+    path = Path(os.path.realpath(path))  # a link stays a link
     if not path.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {str(path.parent)!r} to write {path.name} into; create it first")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    if path.exists() and not path.is_file():  # a device or a pipe can't be replaced
+        path.write_text(text, encoding="utf-8", newline="")
+        return path
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
         with open(handle, "w", encoding="utf-8", newline="") as file:
             file.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
+        if path.exists():
+            shutil.copymode(path, temporary)
+        else:
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
@@ -40,7 +47,7 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a JSON object."""
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} is not a JSON file: {error}") from None
     if not isinstance(document, dict):
         raise FormatError(f"{path} holds a JSON {type(document).__name__}; expected an object")

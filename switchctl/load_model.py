@@ -42,8 +42,8 @@ def load_model(name: str) -> Model:
     name : str
         A bundled model or a path. A Python file offers what the bundled models do: ``initial_state()``, and ``modes()``
         or ``plant()`` and ``controllers()``; ``method()`` if it likes. A .json file holds an object with ``A`` and, if
-        it likes, ``names``, ``states``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file the same variables, with A of shape
-        n x n x m or a cell array of the A_i.
+        it likes, ``names``, ``states``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file the same variables, with
+        matrices for each mode stacked along the third axis or in a cell array.
 
     Returns
     -------
@@ -129,6 +129,8 @@ def _from_matrices(content: dict[str, Any], name: str) -> Model:
     modes = ModeSet(
         content["A"], content.get("names"), content.get("dt", True), Q=content.get("Q"), states=content.get("states")
     )
+    if "cov" in content and "mean" not in content:
+        raise FormatError(f"{name} holds cov without mean; give both, or neither and --mean")
     if "mean" not in content:
         return Model(modes, None, Rollout())
     n = modes.A.shape[-1]
@@ -152,7 +154,8 @@ def _read_mat(path: Path) -> dict[str, Any]:
     for name in {"names", "states"} & set(content):
         content[name] = [str(np.squeeze(word)).strip() for word in content[name].ravel()]
     if "dt" in content:
-        content["dt"] = content["dt"].item() if content["dt"].size == 1 else content["dt"]
+        dt = content["dt"].item() if content["dt"].size == 1 else content["dt"]
+        content["dt"] = True if content["dt"].dtype == np.uint8 and dt == 1 else dt  # how scipy reads a logical
     if "mean" in content:
         content["mean"] = content["mean"].ravel()
     return content

@@ -1,8 +1,8 @@
 """Modes: the closed loops among which a schedule chooses."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,6 +65,7 @@ class Mode:
         return control.ss(self.A, no_input, np.eye(n), no_input, self.dt, name=self.name, states=list(self.states))
 
 
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class ModeSet:
     """The modes of a switched system ``x(k+1) = A_i x(k)``, with what a sample in each of them costs.
 
@@ -101,26 +102,42 @@ class ModeSet:
     └── 1  fast  spectral radius 1.1  not Schur
     """
 
+    A: Array
+    names: tuple[str, ...]
+    dt: float | bool
+    Q: Array
+    gains: Array | None
+    states: tuple[str, ...]
+
     def __init__(
         self,
         matrices: Any,
-        names: Sequence[str] | None = None,
+        names: Iterable[str] | None = None,
         dt: float | bool = True,
         *,
         Q: Any = None,
         gains: Any = None,
-        states: Sequence[str] | None = None,
+        states: Iterable[str] | None = None,
     ) -> None:
-        self.A: Array = frozen(_stack(matrices))
-        m, n, _ = self.A.shape
-        self.names = _names(names, m, "names", "A{}")
-        self.states = _names(states, n, "states", "x[{}]")
-        self.dt = sampling_period(dt)
+        A = _stack(matrices)
+        m, n, _ = A.shape
         weight = np.eye(n) if Q is None else real_array(Q, "Q")
         if weight.shape not in ((n, n), (m, n, n)):
             raise ControlDimension(f"Q has shape {weight.shape}; expected {(n, n)} or {(m, n, n)}")
-        self.Q: Array = np.broadcast_to(positive_semidefinite(weight, "Q"), self.A.shape)
-        self.gains: Array | None = None if gains is None else frozen(real_array(gains, "gains", (m, None, n)))
+        fields = {
+            "A": frozen(A),
+            "names": _names(names, m, "names", "A{}"),
+            "dt": sampling_period(dt),
+            "Q": np.broadcast_to(positive_semidefinite(weight, "Q"), A.shape),
+            "gains": None if gains is None else frozen(real_array(gains, "gains", (m, None, n))),
+            "states": _names(states, n, "states", "x[{}]"),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rebuild = partial(type(self), Q=self.Q, gains=self.gains, states=self.states)
+        return rebuild, (self.A, self.names, self.dt)  # so that copies are checked and read-only too
 
     @property
     def dk(self) -> float:
@@ -136,7 +153,7 @@ class ModeSet:
     def tails(self) -> tuple[Array | None, ...]:
         """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur.
 
-        Raises `numpy.linalg.LinAlgError` where one can't be computed to a relative error of 1e-3.
+        Raises `numpy.linalg.LinAlgError` where one can't be computed to a relative error of 1e-2.
         """
         return tuple(self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self)))
 
@@ -242,14 +259,15 @@ def _stack(matrices: Any) -> Array:
     return array
 
 
-def _names(names: Sequence[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:
+def _names(names: Iterable[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:
     if names is None:
         return tuple(default.format(i) for i in range(count))
-    if isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
+    names = names if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
+    if not isinstance(names, tuple) or not all(isinstance(name, str) and name for name in names):
         raise TypeError(f"{argument} must be a sequence of non-empty strings; got {names!r}")
     if len(names) != count:
         raise ValueError(f"{argument} has {len(names)} entries; expected {count}")
     for name in names:
-        if list(names).count(name) > 1:
+        if names.count(name) > 1:
             raise ValueError(f"{argument} holds {name!r} more than once; names must be distinct")
-    return tuple(names)
+    return names

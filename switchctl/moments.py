@@ -113,8 +113,7 @@ def moment_factor(mean: Array, cov: Array) -> Array:
     -------
     array, shape (n, n + 1)
     """
-    eigenvalues, vectors = np.linalg.eigh(cov)
-    return np.column_stack([mean, vectors * np.sqrt(np.maximum(eigenvalues, 0.0))])
+    return np.column_stack([mean, _root(cov)])
 
 
 def second_moment(mean: Array, cov: Array) -> Array:
@@ -155,33 +154,8 @@ def trajectory(A: Array, sequence: NDArray[np.intp], F: Array) -> Array:
     return factors
 
 
-def powers(A: Array, count: int) -> Array:
-    """``I, A, .., A^(count - 1)`` of every mode, by doubling.
-
-    Parameters
-    ----------
-    A : array, shape (m, n, n)
-        The modes.
-    count : int
-        How many powers.
-
-    Returns
-    -------
-    array, shape (m, count, n, n)
-    """
-    result = np.broadcast_to(np.eye(A.shape[-1]), A.shape)[:, None]
-    square = A[:, None]
-    while result.shape[1] < count:
-        result = np.concatenate([result, square @ result], axis=1)
-        square = square @ square
-    return result[:, :count]
-
-
 def constant_w2(A: Array, S: Array, steps: int) -> Array:
-    """W2 of every mode held from the start, ``tr(A^k S A'^k)``, without a loop over modes or steps.
-
-    With ``k = b i + j``, ``tr(A^k S A'^k) = tr((A'^j A^j) (A^bi S A'^bi))``: sqrt(N) functionals times sqrt(N)
-    moments, one matrix product. Beyond the floating-point range an unstable mode's W2 is infinite.
+    """W2 of every mode held from the start, ``tr(A^k S A'^k)``, all modes at once.
 
     Parameters
     ----------
@@ -195,16 +169,21 @@ def constant_w2(A: Array, S: Array, steps: int) -> Array:
     Returns
     -------
     array, shape (m, steps)
+        Infinite beyond the floating-point range.
     """
-    b = int(np.ceil(np.sqrt(steps)))
+    w2 = np.empty((len(A), steps))
+    F = np.broadcast_to(_root(S), A.shape)
     with np.errstate(over="ignore", invalid="ignore"):
-        small = powers(A, b + 1)
-        functionals = svec(np.swapaxes(small[:, :b], -1, -2) @ small[:, :b])
-        large = powers(small[:, b], -(-steps // b))
-        moments = svec(large @ S @ np.swapaxes(large, -1, -2))
-        w2 = (moments @ np.swapaxes(functionals, -1, -2)).reshape(len(A), -1)[:, :steps]
-    # A product of positive semidefinite matrices has no negative trace; inf - inf is beyond the range.
-    return np.maximum(np.where(np.isnan(w2), np.inf, w2), 0.0)
+        for k in range(steps):
+            w2[:, k] = np.einsum("mij,mij->m", F, F)
+            F = A @ F
+    return np.where(np.isnan(w2), np.inf, w2)  # inf - inf is beyond the range
+
+
+def _root(S: Array) -> Array:
+    """A factor L of a positive semidefinite matrix, ``L L' = S``."""
+    eigenvalues, vectors = np.linalg.eigh(S)
+    return vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
 
 
 def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:

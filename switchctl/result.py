@@ -3,6 +3,7 @@
 import csv
 import io
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from switchctl.files import FormatError, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.gramians import word_tail
+from switchctl.methods.base import check_state
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.tables import html_table
@@ -74,7 +76,7 @@ class Schedule:
 
     modes: ModeSet
     x0: Gaussian
-    sequence: NDArray[np.intp]
+    sequence: Any
     tail: tuple[int, ...] = ()
     method: str = ""
     status: str = ""
@@ -88,7 +90,17 @@ class Schedule:
         tail = tuple(self.modes.index(mode) for mode in self.tail) or (int(sequence[-1]),)
         object.__setattr__(self, "sequence", frozen(sequence))
         object.__setattr__(self, "tail", tail)
-        object.__setattr__(self, "lengthened", tuple((int(k), int(added)) for k, added in self.lengthened))
+        object.__setattr__(
+            self,
+            "lengthened",
+            tuple(
+                (whole_number(k, "lengthened", 0), whole_number(added, "lengthened", 0)) for k, added in self.lengthened
+            ),
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        fields = (self.modes, self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened)
+        return type(self), fields  # so that copies are checked and read-only too
 
     def __len__(self) -> int:
         return len(self.sequence)
@@ -99,17 +111,15 @@ class Schedule:
         A, Q = self.modes.A, self.modes.Q
         F = moment_factor(self.x0.mean, self.x0.cov)
         w2, stage = np.empty(len(self)), np.empty(len(self))
-        for k, mode in enumerate(self.sequence):
-            w2[k] = np.vdot(F, F)
-            stage[k] = np.vdot(F, Q[mode] @ F)
-            F = A[mode] @ F
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, mode in enumerate(self.sequence):
+                w2[k] = np.vdot(F, F)
+                stage[k] = np.vdot(F, Q[mode] @ F)
+                F = A[mode] @ F
+            left = np.flatnonzero(~np.isfinite([*w2, np.vdot(F, F)]))
+        if len(left):
+            raise FloatingPointError(f"W2 exceeds the floating-point range after step {left[0] - 1}")
         return frozen(w2), frozen(stage), Gaussian(F[:, 0], F[:, 1:] @ F[:, 1:].T)
-
-    @cached_property
-    def _moments(self) -> tuple[Array, Array]:
-        factors = trajectory(self.modes.A, self.sequence[:-1], moment_factor(self.x0.mean, self.x0.cov))
-        roots = factors[:, :, 1:]
-        return frozen(factors[:, :, 0].T), frozen(roots @ np.swapaxes(roots, -1, -2))
 
     @property
     def time(self) -> Array:
@@ -121,15 +131,17 @@ class Schedule:
         """Squared Wasserstein distance to the origin, ``tr S_k``, shape (N,)."""
         return self._run[0]
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Mean of the state, shape (n, N): time runs along the last axis, as in python-control."""
-        return self._moments[0]
+        return frozen(trajectory(self.modes.A, self.sequence[:-1], self.x0.mean[:, None])[:, :, 0].T)
 
-    @property
+    @cached_property
     def cov(self) -> Array:
         """Covariance of the state, shape (N, n, n)."""
-        return self._moments[1]
+        root = moment_factor(self.x0.mean, self.x0.cov)[:, 1:]
+        roots = trajectory(self.modes.A, self.sequence[:-1], root)
+        return frozen(roots @ np.swapaxes(roots, -1, -2))
 
     @property
     def final(self) -> Gaussian:
@@ -145,7 +157,18 @@ class Schedule:
     @cached_property
     def cost(self) -> float:
         """``dk * sum_k tr(Q S_k)`` to the end of time (see Notes for the convention)."""
-        return float(self.modes.dk * self._run[1].sum() + self.tail_cost)
+        cost = float(self.modes.dk * self._run[1].sum() + self.tail_cost)
+        if np.isnan(cost):
+            raise FloatingPointError("the cost exceeds the floating-point range; scale the weights")
+        return cost
+
+    @property
+    def _known_cost(self) -> float | None:
+        """The cost where it is a finite number, else None."""
+        try:
+            return self.cost if np.isfinite(self.cost) else None
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return None
 
     def area(self, start: int = 0, stop: int | None = None) -> float:
         """Area under W2 over a range of steps: ``dk * sum_{k=start}^{stop-1} W2(k)``, the paper's finite sum.
@@ -229,7 +252,7 @@ class Schedule:
         content = {
             "method": self.method,
             "status": self.status,
-            "cost": self.cost if np.isfinite(self.cost) else None,
+            "cost": self._known_cost,
             "dt": modes.dt,
             "names": modes.names,
             "states": modes.states,
@@ -266,28 +289,26 @@ class Schedule:
         try:
             modes = ModeSet(
                 document["A"],
-                document["names"],
+                _list(document["names"]),
                 document["dt"],
                 Q=document["Q"],
                 gains=document["gains"],
-                states=document["states"],
+                states=_list(document["states"]),
             )
             schedule = cls(
                 modes,
                 Gaussian(document["mean"], document["cov"]),
-                document["sequence"],
-                tuple(document["tail"]),
-                document["method"],
-                document["status"],
+                _list(document["sequence"]),
+                tuple(_list(document["tail"])),
+                _text(document["method"]),
+                _text(document["status"]),
                 document["lengthened"],
             )
-        except (KeyError, IndexError, TypeError, ValueError) as error:
+            stored = document["cost"]
+            if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
+                raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
+        except (LookupError, TypeError, ValueError, ArithmeticError) as error:
             raise FormatError(f"{path} is a damaged schedule: {error}") from None
-        stored = np.inf if document.get("cost") is None else document["cost"]
-        if not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
-            raise FormatError(
-                f"{path} is a damaged schedule: it states the cost {stored}, its sequence costs {schedule.cost}"
-            )
         return schedule
 
     def plot(self, **keywords: Any) -> "ControlPlot":
@@ -309,13 +330,10 @@ class Schedule:
         share = np.bincount(self.sequence, minlength=len(names)) / len(self)
         facts = [
             ("method", self.method),
-            ("cost", f"{self.cost:.6g}  (with {after} after the last step)"),
-            ("W2", f"{self.w2[0]:.6g} -> {self.final.w2():.6g}"),
+            ("cost", _told(lambda: f"{self.cost:.6g}  (with {after} after the last step)")),
+            ("W2", _told(lambda: f"{self.w2[0]:.6g} -> {self.final.w2():.6g}")),
             ("switches", f"{len(self.switches)}" + (f" ({', '.join(switches)}{more})" if switches else "")),
-            (
-                "use",
-                ", ".join(f"{name} {s:.1%}".replace("%", " %") for name, s in zip(names, share, strict=True) if s),
-            ),
+            ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
             ("ends", self.status),
         ]
         if self.lengthened:
@@ -339,16 +357,21 @@ class Schedule:
         return html_table(["", ""], self._facts(), self._heading())
 
 
-def check_state(modes: ModeSet, x0: Gaussian) -> None:
-    """Refuse an initial state that is not one Gaussian of the modes' dimension."""
-    from control import ControlDimension
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError(f"{value!r} stands where a list should")
+    return value
 
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
-    if not isinstance(x0, Gaussian):
-        raise TypeError(
-            f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
-        )
-    n = modes.A.shape[-1]
-    if x0.mean.shape != (n,):
-        raise ControlDimension(f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},)")
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} stands where a text should")
+    return value
+
+
+def _told(value: Callable[[], str]) -> str:
+    """A value for a person to read, or why there is none: what can't be computed must not hide the rest."""
+    try:
+        return value()
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        return f"not available: {error}"

@@ -5,15 +5,18 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.methods import Method
+from switchctl.methods.base import check_state
 from switchctl.modes import ModeSet
 from switchctl.moments import moment_factor
-from switchctl.result import Schedule, check_state
+from switchctl.result import Schedule
 from switchctl.validation import whole_number
 
 CONVERGED = 1e-12
 """Without a number of steps, a schedule ends when W2 has fallen to this fraction of its start .."""
 CEILING = 100_000
 """.. or after this many steps, or when W2 has grown to 1 / CONVERGED of its start."""
+INTERRUPTED = "interrupted"
+"""The status of a schedule that Ctrl-C cut short."""
 
 
 def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = None) -> Schedule:
@@ -89,6 +92,6 @@ def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = N
     except KeyboardInterrupt:
         if not sequence:
             raise
-        status = "interrupted"
+        status = INTERRUPTED
     tail = scheduler.tail(F @ F.T) or ()
     return Schedule(modes, x0, np.array(sequence), tail, repr(method), status, tuple(lengthened))

@@ -9,9 +9,10 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.methods import RecedingHorizon, best_single_mode, single_mode_costs
+from switchctl.methods.base import check_state
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
-from switchctl.scheduling import schedule
+from switchctl.scheduling import INTERRUPTED, schedule
 from switchctl.tables import html_table, text_table
 from switchctl.validation import frozen
 
@@ -118,6 +119,7 @@ def sweep(
     for name, values in (("horizons", horizons), ("holds", holds)):
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise TypeError(f"{name} must be a sequence of settings to try, not {values!r}")
+    check_state(modes, x0)
     horizons, holds = tuple(horizons), tuple(holds)
     settings = [[RecedingHorizon(T, hold, decrease) for hold in holds] for T in horizons]
     if not settings or not settings[0]:
@@ -128,7 +130,10 @@ def sweep(
         with tqdm(total=cost.size, desc="sweep", unit="schedule", delay=2, leave=False) as progress:
             for row, methods in enumerate(settings):
                 for column, method in enumerate(methods):
-                    cost[row, column] = schedule(modes, x0, method, steps).cost
+                    result = schedule(modes, x0, method, steps)
+                    if result.status == INTERRUPTED:
+                        raise KeyboardInterrupt
+                    cost[row, column] = result.cost
                     progress.update()
     except KeyboardInterrupt:
         if np.isnan(cost).all():

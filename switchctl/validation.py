@@ -59,7 +59,7 @@ def positive_semidefinite(array: Array, name: str) -> Array:
     array = symmetric(array, name)
     eigenvalues = np.linalg.eigvalsh(array)
     least, scale = eigenvalues.min(axis=-1), np.abs(eigenvalues).max(axis=-1)
-    if (least < -1e-10 * scale).any():
+    if (least < -1e-12 * scale).any():
         raise ValueError(
             f"{name} is not positive semidefinite: its least eigenvalue is {least.min():.6g}; it must be >= 0"
         )
@@ -87,9 +87,13 @@ def number(value: Any, name: str) -> float:
     """Check a real number that is not NaN."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number, not {value!r}")
-    if math.isnan(value):
+    try:
+        real = float(value)
+    except OverflowError:
+        raise ValueError(f"{name} exceeds the floating-point range") from None
+    if math.isnan(real):
         raise ValueError(f"{name} is nan; expected a number")
-    return float(value)
+    return real
 
 
 def sampling_period(dt: Any, name: str = "dt") -> float | bool:

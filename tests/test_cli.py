@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 
@@ -107,16 +108,19 @@ def test_matrices_in_json_and_mat_files_are_the_same_model(capsys, tmp_path):
     cells[0, :] = [np.array(a) for a in A]
     named = np.empty((1, 5), dtype=object)
     named[0, :] = names
+    scipy.io.savemat(
+        tmp_path / "steps.mat", {"A": np.moveaxis(np.array(A), 0, -1), "dt": True, "mean": mean, "cov": cov}
+    )
     scipy.io.savemat(tmp_path / "cells.mat", {"A": cells, "names": named, "dt": 1.0, "mean": mean, "cov": cov})
     outs = []
-    for file in ("m.json", "stack.mat", "cells.mat"):
+    for file in ("m.json", "stack.mat", "cells.mat", "steps.mat"):
         code, out, err = run(capsys, "run", str(tmp_path / file), "--method", "pointwise", "--json")
         assert (code, err) == (0, "")
         outs.append(json.loads(out))
     costs = [out["schedules"][0]["cost"] for out in outs]
-    assert costs == pytest.approx([77.77369815] * 3, abs=1e-8)
+    assert costs == pytest.approx([77.77369815] * 4, abs=1e-8)
     assert [m["name"] for m in outs[2]["modes"]] == names
-    assert outs[2]["dt"] == 1.0
+    assert outs[2]["dt"] == 1.0 and outs[3]["dt"] is True
 
 
 def test_weights_in_a_mat_file_are_stacked_as_its_matrices(capsys, tmp_path):
@@ -152,6 +156,7 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
         (["run", "{}/nothing.json"], "holds no A"),
         (["run", "{}/more.json"], "holds 'B'; expected only A, Q"),
         (["run", "{}/text.json"], "is not a JSON file"),
+        (["run", "{}/cov.json", "--mean", "1"], "holds cov without mean"),
         (["run", "{}/list.json"], "holds a JSON list"),
         (["run", "{}/nan.json"], "matrices[0][0, 0] is nan"),
         (["run", "{}/text.mat"], "is not a .mat file"),
@@ -180,6 +185,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, words, to
     (tmp_path / "nothing.json").write_text("{}")
     (tmp_path / "more.json").write_text('{"A": [[[0.5]]], "B": 1}')
     (tmp_path / "text.json").write_text("A = 3")
+    (tmp_path / "cov.json").write_text('{"A": [[[0.5]]], "cov": [[1]]}')
     (tmp_path / "list.json").write_text("[1]")
     (tmp_path / "nan.json").write_text('{"A": [[[NaN]]], "mean": [1]}')
     (tmp_path / "stateless.json").write_text('{"A": [[[0.5]]]}')
@@ -209,6 +215,23 @@ def test_as_a_process():
     assert bad.returncode == 2 and "Traceback" not in bad.stderr
     version = subprocess.run([*command, "--version"], capture_output=True, text=True)
     assert version.stdout.startswith("switchctl ")
+
+
+def test_an_interrupted_schedule_is_shown_and_the_exit_code_tells(capsys, tmp_path):
+    (tmp_path / "cut.py").write_text(
+        PYTHON_MODEL + "def horizon(j):\n    if j == 3: raise KeyboardInterrupt\n    return 5\n"
+        "def method(): return switchctl.RecedingHorizon(horizon)\n"
+    )
+    code, out, err = run(capsys, "run", str(tmp_path / "cut.py"))
+    assert (code, err) == (130, "switchctl: interrupted\n")
+    assert "schedule (interrupted)" in out and "3 steps" in out
+
+
+def test_a_terminal_that_knows_no_trees():
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "switchctl.cli", "run", "servo"]
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert ran.returncode == 0 and "gain over" in ran.stdout
 
 
 def test_interrupted(capsys, monkeypatch):

@@ -76,6 +76,7 @@ def test_timebases():
     unspecified = control.ss(sampled.A, sampled.B, sampled.C, sampled.D, True)
     assert close_loops(unspecified, K).dt is True
     assert close_loops(unspecified, K, dt=0.1).dt == 0.1
+    assert close_loops(stepping(), [static(0.1), static(None), static(0.1)]).dt == 0.1
     assert close_loops(sampled, [control.ss([], [], [], [[1.0, 1.0]], 0.1)]).dt == 0.1
     assert close_loops(axis(), [control.ss([], [], [], [[1.0, 1.0]], 0)]).dt == 0.01
 
@@ -106,6 +107,14 @@ def test_input_is_copied():
 
 def nonlinear():
     return control.nlsys(lambda t, x, u, params: -x, inputs=1, outputs=1, states=1)
+
+
+def stepping():
+    return control.ss([[0.5]], [[1]], [[1]], 0, True)
+
+
+def static(dt):
+    return control.ss([], [], [], [[0.1]], dt)
 
 
 def explosive():
@@ -144,6 +153,8 @@ def explosive():
         (axis().sample(0.1), [control.ss([], [], [], [[1.0, 1.0]], 0)], {}, ValueError, "dt = 0, but .* dt = 0.1"),
         (control.ss([[0.5]], [[1]], [[1]], 0, None), [1.0], {}, ValueError, "plant.dt is None"),
         (control.ss([[1]], [[1]], [[1]], [[-1.0]]), [control.ss([], [], [], [[1.0]])], {}, ValueError, "ill-posed"),
+        (control.ss(-1, 1, 1, -1 / 0.3), [control.ss([], [], [], [[0.1 + 0.2]])], {}, ValueError, "ill-posed"),
+        (stepping(), [static(0.1), static(0.2)], {}, ValueError, "dt = 0.2, but .* dt = 0.1"),
         (axis(), K, {"Q": np.diag([1.0, -1.0])}, ValueError, "Q is not positive semidefinite.*eigenvalue is -1"),
         (axis(), K, {"Q": np.eye(3)}, ValueError, r"Q has shape \(3, 3\)"),
         (axis(), K, {"R": np.eye(2)}, ValueError, r"R has shape \(2, 2\)"),

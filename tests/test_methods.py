@@ -1,6 +1,7 @@
 """The methods: the paper's algorithm evaluated plainly, the promises of each, online against offline."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -182,6 +183,38 @@ def test_a_constraint_on_moments_that_underflow_ends():
     assert result.w2[-1] == 0.0
 
 
+def test_rounding_never_decides_a_constraint_that_just_binds():
+    def turn(angle):
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        r, angle = rng.uniform(0.7, 0.95), rng.uniform(0, 3)
+        modes, x0 = ModeSet([r * turn(angle), r * turn(-2 * angle)]), random_gaussian(rng, 2)
+        method = RecedingHorizon(3, decrease=1 - r**4)
+        result = schedule(modes, x0, method, steps=20)
+        scheduler = method.start(modes)
+        assert result.lengthened[:1] in ((), ((0, 1),))
+        online = [scheduler.step(result.mean[:, k], result.cov[k]) for k in range(20)]
+        assert online == result.sequence.tolist()
+
+
+def test_a_hold_that_would_take_for_ever_is_an_error():
+    scheduler = RecedingHorizon(10, decrease=0.5).start(ModeSet([np.diag([1 - 1e-7, 0.5])]))
+    with pytest.raises(ValueError, match="no mode meets the constraint within 100000 steps"):
+        scheduler.step([1.0, 0.0])
+
+
+def test_a_running_scheduler_can_be_pickled(pair):
+    for method in METHODS:
+        if callable(getattr(method, "horizon", None)):
+            continue
+        scheduler = method.start(pair[0])
+        scheduler.step([1.0, 1.0])
+        twin = pickle.loads(pickle.dumps(scheduler))
+        assert [twin.step([0.1, 0.9]) for _ in range(5)] == [scheduler.step([0.1, 0.9]) for _ in range(5)]
+
+
 def test_the_horizon_may_vary_with_the_update(pair):
     modes, x0 = pair
     varying = schedule(modes, x0, RecedingHorizon([3, 50]))
@@ -251,6 +284,8 @@ def test_a_single_mode_and_a_single_state():
         (lambda: RecedingHorizon(math.nan), ValueError, "horizon is nan"),
         (lambda: RecedingHorizon(-math.inf), ValueError, "horizon is -inf"),
         (lambda: RecedingHorizon("50"), TypeError, "'50'"),
+        (lambda: RecedingHorizon(b"5"), TypeError, "b'5'"),
+        (lambda: RecedingHorizon(5, decrease=10**400), ValueError, "floating-point range"),
         (lambda: RecedingHorizon(True), TypeError, "True"),
         (lambda: RecedingHorizon(None), TypeError, "None"),
         (lambda: RecedingHorizon([]), ValueError, "empty"),

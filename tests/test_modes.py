@@ -1,5 +1,8 @@
 """Sets of modes."""
 
+import copy
+import pickle
+
 import control
 import numpy as np
 import pytest
@@ -72,7 +75,11 @@ def test_input_is_copied_and_the_set_is_read_only():
     modes = ModeSet(matrices)
     matrices[0, 0, 0] = 99.0
     assert modes.A[0, 0, 0] == 0.9
-    for array in (modes.A, modes.Q, modes.spectral_radii):
+    with pytest.raises(AttributeError):
+        modes.A = matrices
+    twin = copy.deepcopy(modes)
+    assert twin.names == modes.names
+    for array in (modes.A, modes.Q, modes.spectral_radii, pickle.loads(pickle.dumps(modes)).A, twin.A):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -108,6 +115,8 @@ def test_repr_in_a_notebook():
         (A, {"dt": None}, ValueError, "dt is None"),
         (A, {"dt": np.nan}, ValueError, "nan"),
         (A, {"dt": -1}, ValueError, "-1"),
+        (A, {"dt": 10**400}, ValueError, "floating-point range"),
+        (A, {"names": 3}, TypeError, "non-empty strings"),
         (A, {"Q": np.eye(3)}, ValueError, r"Q has shape \(3, 3\); expected \(2, 2\) or \(2, 2, 2\)"),
         (A, {"Q": [[1, 1], [0, 1]]}, ValueError, "Q is not symmetric"),
         (A, {"Q": [np.eye(2), -np.eye(2)]}, ValueError, "least eigenvalue is -1"),

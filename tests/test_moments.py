@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_cases import random_gaussian, random_modes
 
+from switchctl import Gaussian, ModeSet, Schedule
 from switchctl.gramians import horizon_gramians, is_schur, tail, word_tail
 from switchctl.moments import (
     closed_form_w2,
     constant_w2,
     moment_factor,
     moment_maps,
-    powers,
     second_moment,
     smat,
     svec,
@@ -91,9 +91,19 @@ def test_constant_w2_is_the_recursion_of_every_mode(size, steps):
         np.testing.assert_allclose(row, plain, rtol=1e-8, atol=1e-13 * max(plain))
 
 
+def test_constant_w2_of_modes_whose_directions_are_nearly_parallel():
+    directions = np.array([[1.0, 1.0], [0.0, 1e-5]])
+    A = directions @ np.diag([0.9, 0.5]) @ np.linalg.inv(directions)
+    x = directions[:, 0]
+    w2 = constant_w2(A[None], np.outer(x, x), 40)[0]
+    np.testing.assert_allclose(w2, 0.81 ** np.arange(40), rtol=1e-3)
+
+
 def test_constant_w2_beyond_the_floating_point_range_is_infinite():
     w2 = constant_w2(np.array([[[10.0, 1.0], [0.0, 5.0]], [[0.5, 0.0], [0.0, 0.5]]]), np.eye(2), 1000)
     assert np.isinf(w2[0, -1])
+    other = constant_w2(np.diag([2.0, 0.5])[None], np.diag([0.0, 1.0]), 1500)
+    np.testing.assert_allclose(other[0], 0.25 ** np.arange(1500))
     assert np.isfinite(w2[1]).all()
     assert not np.isnan(w2).any()
 
@@ -108,15 +118,6 @@ def test_proposition_3_agrees_with_the_recursion(size):
     factors = trajectory(A, sequence, moment_factor(x0.mean, x0.cov))
     for k in range(9):
         assert closed_form_w2(A, sequence[:k], x0.second_moment) == pytest.approx(np.sum(factors[k] ** 2), rel=1e-9)
-
-
-def test_powers():
-    rng = np.random.default_rng(2)
-    A = rng.standard_normal((2, 3, 3))
-    for count in (1, 2, 7, 16):
-        result = powers(A, count)
-        assert result.shape == (2, count, 3, 3)
-        np.testing.assert_allclose(result[1, -1], np.linalg.matrix_power(A[1], count - 1), rtol=1e-10)
 
 
 @pytest.mark.parametrize("horizon", [1, 2, 3, 6, 7, 8, 50, 1000])
@@ -158,11 +159,21 @@ def test_tail_against_60_digits_near_the_unit_circle(gap, sign):
         assert np.linalg.norm(P - exact) <= 1e-8 * np.linalg.norm(exact)
 
 
-def test_tail_of_a_jordan_block_with_large_transient_growth():
-    A = 0.99 * np.eye(3) + np.diag(np.ones(2), 1)
-    exact = exact_tail(A, np.eye(3))
-    assert exact[-1, -1] > 1e9
-    np.testing.assert_allclose(tail(A, np.eye(3)), exact, rtol=1e-6)
+@pytest.mark.parametrize(
+    "A",
+    [
+        0.99 * np.eye(5) + np.diag(np.ones(4), 1),
+        np.array([[0.9, 1e9], [0.0, 0.5]]),
+        np.array([[0.9, 1e7], [1e-12, 0.5]]),
+        np.diag([1e6, 1.0, 1e-6])
+        @ np.array([[0.5, 0.3, 0.1], [0.2, 0.6, -0.2], [0.0, 0.4, 0.3]])
+        @ np.diag([1e-6, 1.0, 1e6]),
+    ],
+)
+def test_tail_of_jordan_blocks_and_badly_scaled_states(A):
+    exact = exact_tail(A, np.eye(len(A)))
+    assert exact.max() > 1e9
+    np.testing.assert_allclose(tail(A, np.eye(len(A))), exact, rtol=1e-6)
 
 
 def test_tail_with_a_singular_weight():
@@ -189,18 +200,43 @@ def test_a_mode_that_is_not_schur_has_no_tail(A):
 
 
 def test_a_tail_that_cannot_be_trusted_is_an_error():
-    A = 0.99 * np.eye(5) + np.diag(np.ones(4), 1)
+    directions = np.linalg.qr(np.random.default_rng(8).standard_normal((2, 2)))[0] @ [[1.0, 1.0], [0.0, 1e-5]]
+    A = directions @ np.diag([0.9, 0.5]) @ np.linalg.inv(directions)
     with pytest.raises(np.linalg.LinAlgError, match="cannot be computed"):
-        tail(A, np.eye(5))
+        tail(A, np.eye(2))
+
+
+def rotated(T, seed=8):
+    basis = np.linalg.qr(np.random.default_rng(seed).standard_normal(T.shape))[0]
+    return basis @ T @ basis.T
 
 
 def test_a_verdict_that_rounding_hides_is_an_error():
-    rng = np.random.default_rng(8)
-    basis = np.linalg.qr(rng.standard_normal((4, 4)))[0]
-    A = basis @ (0.5 * np.eye(4) + 100 * np.diag(np.ones(3), 1)) @ basis.T
-    assert np.abs(np.linalg.eigvals(A)).max() < 0.52
+    A = rotated(np.diag(np.linspace(0.9, -0.9, 5)) + 300 * np.triu(np.ones((5, 5)), 1))
+    with mpmath.workdps(60):
+        assert max(abs(x) for x in mpmath.eig(mpmath.matrix(A.tolist()), left=False, right=False)) < 1
     with pytest.raises(np.linalg.LinAlgError, match="undecided"):
         is_schur(A)
+    modes = ModeSet([A, 0.5 * np.eye(5)], names=["wild", "tame"])
+    assert "wild  spectral radius" in repr(modes) and "Schur undecided" in repr(modes)
+    with pytest.raises(np.linalg.LinAlgError, match="mode 'wild'"):
+        modes.tails  # noqa: B018
+    assert "cost      not available" in repr(Schedule(modes, Gaussian(np.ones(5), np.eye(5)), [0]))
+
+
+def test_no_verdict_is_ever_wrong():
+    rng = np.random.default_rng(9)
+    for _ in range(150):
+        n = int(rng.integers(2, 6))
+        growth = 10 ** rng.uniform(-1, 4)
+        A = rotated(np.triu(rng.standard_normal((n, n)) * growth, 1) + np.diag(rng.uniform(-1.05, 1.05, n)), rng)
+        with mpmath.workdps(60):
+            eigenvalues = mpmath.eig(mpmath.matrix(A.tolist()), left=False, right=False)
+            schur = max(abs(x) for x in eigenvalues) < 1
+        try:
+            assert is_schur(A) == schur
+        except np.linalg.LinAlgError:
+            assert np.linalg.norm(A, 2) > 10
 
 
 @pytest.mark.slow

@@ -126,5 +126,18 @@ def test_wrong_input(pair):
             plot_ellipses(result, states=states)
     with pytest.raises(ValueError, match="probability is 1"):
         plot_ellipses(result, probability=1)
+    for plot in (plot_w2, plot_area, plot_switching, plot_ellipses, plot_schematic, plot_sweep):
+        with pytest.raises(TypeError, match=f"{plot.__name__} draws a"):
+            plot([1, 2])
+    for stop in (1, 2, 3):
+        plot_schematic(result, stop=stop)
     with pytest.raises(ValueError, match="stop is 0"):
         plot_w2(result, stop=0)
+
+
+def test_names_stand_as_they_are():
+    modes = ModeSet([[[0.5]], [[0.6]]], names=["$\\foo$", "a_b"], states=["$x$"])
+    x0 = random_gaussian(np.random.default_rng(1), 1)
+    comparison = compare(modes, x0, {"$\\bar": Rollout()})
+    for picture in (comparison.plot(), comparison.plot_area(), plot_switching(comparison.schedules["$\\bar"])):
+        picture.figure.canvas.draw()

@@ -1,7 +1,9 @@
 """Schedules: the cost convention, what follows from a sequence, files."""
 
+import copy
 import json
 import math
+import pickle
 
 import numpy as np
 import pandas
@@ -20,6 +22,7 @@ from switchctl import (
     RecedingHorizon,
     Rollout,
     Schedule,
+    best_single_mode,
     compare,
     schedule,
     single_mode_costs,
@@ -155,18 +158,25 @@ def test_ctrl_c_returns_the_steps_so_far(pair):
     assert result.sequence.tolist() == schedule(*pair, Rollout(), steps=5).sequence.tolist()
 
 
-def test_ctrl_c_in_a_sweep_keeps_what_is_done(pair, monkeypatch):
-    plain, calls = switchctl.sweeping.schedule, iter(range(100))
+def interrupting(j):
+    if j == 4:
+        raise KeyboardInterrupt
+    return 20
 
-    def interrupted(*arguments):
-        if next(calls) == 3:
-            raise KeyboardInterrupt
-        return plain(*arguments)
 
-    monkeypatch.setattr(switchctl.sweeping, "schedule", interrupted)
-    result = sweep(*pair, [1, 5], [1, 2])
-    assert np.isnan(result.cost).tolist() == [[False, False], [False, True]]
+def test_ctrl_c_in_a_sweep_keeps_what_is_done_and_stops(pair):
+    result = sweep(*pair, [1, interrupting, 20], [1, 2])
+    assert np.isnan(result.cost).tolist() == [[False, False], [True, True], [True, True]]
     assert "nan" in repr(result)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(*pair, [interrupting], [1])
+
+
+def test_ctrl_c_in_a_comparison_keeps_what_is_done_and_stops(pair):
+    methods = {"first": Rollout(), "second": RecedingHorizon(interrupting), "third": Rollout()}
+    result = compare(*pair, methods)
+    assert list(result.schedules) == ["first", "second (interrupted)"]
+    assert len(result.schedules["second (interrupted)"]) == 4
 
 
 def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
@@ -213,6 +223,13 @@ def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):
         (lambda d: d["A"][0][0].pop(), "damaged schedule"),
         (lambda d: d.update(cost=1.0), "states the cost 1.0"),
         (lambda d: d.update(cov=[[1, 2], [2, 1]]), "least eigenvalue"),
+        (lambda d: d.update(cost="abc"), "damaged schedule"),
+        (lambda d: d.update(cost=10**400), "damaged schedule"),
+        (lambda d: d.update(dt=10**400), "floating-point range"),
+        (lambda d: d.update(method=5), "5 stands where a text should"),
+        (lambda d: d.update(names={"fast": 1, "calm": 2}), "where a list should"),
+        (lambda d: d.update(lengthened=[[1, 2.5]]), "lengthened is 2.5"),
+        (lambda d: d.update(A=(1e200 * np.ones((2, 2, 2))).tolist()), "floating-point range"),
     ],
 )
 def test_a_damaged_file_is_a_format_error(pair, tmp_path, change, words):
@@ -264,6 +281,40 @@ def test_sweep_is_the_table_of_single_runs(pair):
     assert "hold 4" in result._repr_html_()
 
 
+def test_an_explicit_sequence_may_leave_the_range():
+    result = Schedule(ModeSet([[[10.0]]]), Gaussian([1.0], [[0.0]]), [0] * 400)
+    with pytest.raises(FloatingPointError, match="after step 154"):
+        result.w2  # noqa: B018
+    assert "W2        not available" in repr(result)
+
+
+def test_a_cost_beyond_the_range_is_an_error_and_the_rest_can_be_saved(tmp_path):
+    Q = [[1e308, -9e307], [-9e307, 1e308]]
+    result = Schedule(ModeSet([[[0.5, 0.1], [0.1, 0.5]]], Q=Q), Gaussian([1e3, 1e3], np.zeros((2, 2))), [0])
+    with np.errstate(all="ignore"):
+        with pytest.raises((FloatingPointError, np.linalg.LinAlgError)):
+            result.cost  # noqa: B018
+        assert Schedule.load(result.save(tmp_path / "s.json")).w2.tolist() == result.w2.tolist()
+
+
+def test_copies_are_read_only_too(pair):
+    for original in (schedule(*pair, Rollout()), pair[1]):
+        for twin in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original)):
+            np.testing.assert_array_equal(twin.mean, original.mean)
+            with pytest.raises(ValueError, match="read-only"):
+                twin.mean[0] = 1.0
+
+
+def test_a_link_stays_a_link(pair, tmp_path):
+    target, link = tmp_path / "target.json", tmp_path / "link.json"
+    target.write_text("old")
+    target.chmod(0o600)
+    link.symlink_to(target)
+    schedule(*pair, Rollout()).save(link)
+    assert link.is_symlink() and len(Schedule.load(target)) > 1
+    assert target.stat().st_mode & 0o777 == 0o600
+
+
 def test_wrong_arguments(pair):
     modes, x0 = pair
     for call, error, words in (
@@ -282,6 +333,16 @@ def test_wrong_arguments(pair):
         (lambda: sweep(modes, x0, 50, [1]), TypeError, "horizons must be a sequence"),
         (lambda: Schedule(modes, x0, [0]).save("/nowhere/s.json"), FileNotFoundError, "no folder '/nowhere'"),
         (lambda: compare(modes, x0, ["rollout"]), TypeError, "must be a Method"),
+        (lambda: compare(modes, x0, {1: Rollout()}), TypeError, "labels are strings"),
+        (lambda: compare("modes", x0, Rollout()), TypeError, "must be a ModeSet"),
+        (lambda: sweep("modes", x0, [5], [1]), TypeError, "must be a ModeSet"),
+        (lambda: single_mode_costs(modes, Gaussian([1.0], [[1.0]])), ValueError, "the modes have 2 states"),
+        (
+            lambda: best_single_mode(modes, Gaussian(np.ones((3, 2)), np.zeros((3, 2, 2)))),
+            ValueError,
+            r"expected \(2,\)",
+        ),
+        (lambda: x0.w2([[1.0], [2.0]]), ValueError, r"target has shape \(2, 1\)"),
         (lambda: sweep(modes, x0, [], [1]), ValueError, "at least one"),
         (lambda: sweep(modes, x0, [5], [0]), ValueError, "hold is 0"),
         (lambda: Schedule(modes, x0, []), ValueError, "sequence is empty"),

@@ -6,8 +6,10 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from control import ControlDimension
 from numpy.typing import NDArray
 
+from switchctl.gaussian import Gaussian
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, second_moment
 from switchctl.validation import positive_semidefinite, real_array
@@ -160,3 +162,16 @@ class Method(ABC):
             f"{name}={getattr(self, name)!r}" for name, default in defaults.items() if getattr(self, name) != default
         ]
         return f"{type(self).__name__}({', '.join(told)})"
+
+
+def check_state(modes: ModeSet, x0: Gaussian) -> None:
+    """Refuse an initial state that is not one Gaussian of the modes' dimension."""
+    if not isinstance(modes, ModeSet):
+        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    if not isinstance(x0, Gaussian):
+        raise TypeError(
+            f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
+        )
+    n = modes.A.shape[-1]
+    if x0.mean.shape != (n,):
+        raise ControlDimension(f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},)")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from switchctl.gaussian import Gaussian
-from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.base import Method, Scheduler, check_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
 
@@ -59,11 +59,17 @@ def single_mode_costs(modes: ModeSet, x0: Gaussian) -> Array:
     -------
     array, shape (m,)
 
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, or x0 is not one Gaussian of the modes' dimension.
+
     Examples
     --------
     >>> single_mode_costs(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]]))
     array([12., inf])
     """
+    check_state(modes, x0)
     S = x0.second_moment
     return np.array([np.inf if P is None else modes.dk * np.sum(P * S) for P in modes.tails])
 
@@ -92,6 +98,7 @@ def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:
     >>> best_single_mode(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]])).name
     'A0'
     """
+    check_state(modes, x0)
     require_schur(modes, "the best single mode")
     return modes[least_cost(single_mode_costs(modes, x0), modes.schur)]
 

@@ -3,17 +3,19 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.gramians import horizon_gramians
-from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.base import TIE, Method, Scheduler, least_cost
 from switchctl.methods.constant import require_schur
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.validation import number, whole_number
+
+_TABLES = 64
+_LONGEST = 100_000  # steps of a lengthened hold
 
 Horizon = int | float | Sequence[int | float] | Callable[[int], int | float]
 
@@ -47,7 +49,8 @@ class RecedingHorizon(Method):
     ------
     ValueError
         If a setting is out of range; from `start` and `schedule`, if a mode is not Schur where the constraint needs
-        it, or none is where the horizon is infinite.
+        it, or none is where the horizon is infinite; when running, if no hold of up to 100,000 steps meets the
+        constraint.
     TypeError
         If a setting is not a number.
 
@@ -64,13 +67,13 @@ class RecedingHorizon(Method):
     decrease: float | None = None
 
     def __post_init__(self) -> None:
-        horizon = self.horizon
-        if isinstance(horizon, (Sequence, np.ndarray)) and not isinstance(horizon, str):
+        horizon = self.horizon.tolist() if isinstance(self.horizon, np.ndarray) else self.horizon
+        if isinstance(horizon, Sequence) and not isinstance(horizon, (str, bytes)):
             if len(horizon) == 0:
                 raise ValueError("horizon is an empty sequence; give at least one T")
             horizon = tuple(_checked(T, f"horizon[{j}]") for j, T in enumerate(horizon))
         elif not callable(horizon):
-            horizon = _checked(horizon, "horizon")
+            horizon = _checked(horizon, "horizon")  # type: ignore[arg-type]
         object.__setattr__(self, "horizon", horizon)
         object.__setattr__(self, "hold", whole_number(self.hold, "hold"))
         if self.decrease is not None and not 0 < number(self.decrease, "decrease") < 1:
@@ -111,12 +114,13 @@ def _checked(T: int | float, name: str) -> int | float:
 class _RecedingHorizonScheduler(Scheduler):
     def __init__(self, modes: ModeSet, method: RecedingHorizon) -> None:
         self.method = method
-        self.table = lru_cache(maxsize=64)(self._table)
-        # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
-        self.after_hold = np.linalg.matrix_power(modes.A, method.hold)
-        self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
+        self.tables: dict[int | float, tuple[Array, NDArray[np.bool_] | None]] = {}
+        if method.decrease is not None:
+            self.after_hold = np.linalg.matrix_power(modes.A, method.hold)
+            # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
+            self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
         super().__init__(modes)
-        self.table(method.at(0))  # an impossible horizon is refused at the start, not at the first sample
+        self._table(method.at(0))  # an impossible horizon is refused at the start, not at the first sample
 
     def reset(self) -> None:
         self.j = 0  # number of the coming update
@@ -126,6 +130,13 @@ class _RecedingHorizonScheduler(Scheduler):
 
     def _table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
         """Row i dotted with svec(S) is the cost of mode i over the horizon; which rows are finite."""
+        if T not in self.tables:
+            if len(self.tables) == _TABLES:  # a horizon that keeps changing must not fill the memory
+                self.tables.clear()
+            self.tables[T] = self._new_table(T)
+        return self.tables[T]
+
+    def _new_table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
         modes = self.modes
         if T == math.inf:
             require_schur(modes, "an infinite horizon")
@@ -149,7 +160,7 @@ class _RecedingHorizonScheduler(Scheduler):
         return self.mode
 
     def _update(self, S: Array) -> None:
-        table, allowed = self.table(self.method.at(self.j))
+        table, allowed = self._table(self.method.at(self.j))
         hold = self.method.hold
         if self.method.decrease is not None:
             w2 = float(np.trace(S))
@@ -171,13 +182,19 @@ class _RecedingHorizonScheduler(Scheduler):
     def _stabilising(self, S: Array, bound: float) -> tuple[NDArray[np.bool_], int]:
         """The modes with ``W2(t_{j+1}) <= bound``, and the shortest hold from the usual on that has any."""
         hold = self.method.hold
-        bound = max(bound, np.finfo(float).tiny)  # below it a moment may stick at the last denormal
+        # Rounding never decides; and below the smallest normal number a moment may stick.
+        bound = max(bound * (1 + TIE), np.finfo(float).tiny)
         allowed = self.w2_after_hold @ svec(S) <= bound
         if allowed.any():
             return allowed, hold
         A, moments = self.modes.A, self.after_hold @ S @ np.swapaxes(self.after_hold, -1, -2)
         while not allowed.any():
             hold += 1
+            if hold > _LONGEST:
+                raise ValueError(
+                    f"decrease={self.method.decrease}: no mode meets the constraint within {_LONGEST} steps; choose a "
+                    "smaller decrease, or drop the slowest modes"
+                )
             moments = A @ moments @ np.swapaxes(A, -1, -2)
             w2 = np.trace(moments, axis1=-2, axis2=-1)
             if not np.isfinite(w2).all():

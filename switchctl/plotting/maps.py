@@ -10,7 +10,18 @@ from matplotlib.patches import Patch, Polygon
 
 from switchctl.comparison import Comparison
 from switchctl.modes import ModeSet
-from switchctl.plotting.style import COLOURS, Legend, finish, legend_place, mode_style, one_axes, steps_shown, wrapped
+from switchctl.plotting.style import (
+    COLOURS,
+    Legend,
+    finish,
+    legend_place,
+    mode_style,
+    one_axes,
+    plain,
+    require,
+    steps_shown,
+    wrapped,
+)
 from switchctl.result import Schedule
 from switchctl.sweeping import Sweep
 from switchctl.validation import number
@@ -40,6 +51,7 @@ def plot_area(
     -------
     control.ControlPlot
     """
+    require(comparison, Comparison, "plot_area")
     ax = one_axes(ax)
     rows = comparison.rows()
     finite = [row["cost"] for row in rows if np.isfinite(row["cost"])]
@@ -49,7 +61,7 @@ def plot_area(
     for place, row in enumerate(rows):
         colour = COLOURS[place % len(COLOURS)] if place < m else "black"
         drawn = row["cost"] if np.isfinite(row["cost"]) else 0.0
-        bars += ax.barh(place, drawn, color=colour, height=0.7, label=row["label"])
+        bars += ax.barh(place, drawn, color=colour, height=0.7, label=plain(row["label"]))
         told = f"{row['cost']:.4g}" if np.isfinite(row["cost"]) else "infinite"
         ax.text(drawn + 0.01 * top, place, told, va="center", fontsize="small")
     ax.set_yticks(range(len(rows)), [wrapped(row["label"]) for row in rows])
@@ -101,6 +113,7 @@ def plot_ellipses(
     ValueError
         If there are not two different states of the modes, or the probability is not between 0 and 1.
     """
+    require(schedule, Schedule, "plot_ellipses")
     pair = _state_pair(schedule.modes, states)
     if not 0 < number(probability, "probability") < 1:
         raise ValueError(f"probability is {probability}; expected a number strictly between 0 and 1")
@@ -121,11 +134,11 @@ def plot_ellipses(
         ax.add_patch(Polygon(outlines[k].T, facecolor=(colour, 0.12), edgecolor=colour, lw=1.1))
     ax.autoscale_view()
     ax.plot(0, 0, "+", color="black", ms=10)
-    ax.set_xlabel(f"{schedule.modes.states[pair[0]]} (state units)")
-    ax.set_ylabel(f"{schedule.modes.states[pair[1]]} (state units)")
+    ax.set_xlabel(f"{plain(schedule.modes.states[pair[0]])} (state units)")
+    ax.set_ylabel(f"{plain(schedule.modes.states[pair[1]])} (state units)")
     ax.grid(True, alpha=0.3)
     used = np.unique(schedule.sequence[:stop])
-    handles = [Patch(color=mode_style(i)["color"], label=schedule.modes.names[i]) for i in used]
+    handles = [Patch(color=mode_style(i)["color"], label=plain(schedule.modes.names[i])) for i in used]
     place = legend_place(legend_loc, "best")
     return finish(ax, [*lines, *handles], schedule.method if title is None else title, place)
 
@@ -148,6 +161,7 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
     -------
     control.ControlPlot
     """
+    require(sweep, Sweep, "plot_sweep")
     ax = one_axes(ax)
     percent = 100 * sweep.relative
     spread = max(float(np.nanmax(np.abs(percent[np.isfinite(percent)] - 100), initial=0.0)), 0.1)
@@ -172,7 +186,7 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
     ax.set_ylabel("horizon T (steps)")
     if legend_loc is not False:
         ax.figure.colorbar(mesh, ax=ax, label="cost (% of the best single mode)")
-    default = f"100 % is {sweep.best_single.name} alone, {sweep.best_single_cost:.5g}"
+    default = f"100 % is {plain(sweep.best_single.name)} alone, {sweep.best_single_cost:.5g}"
     return finish(ax, [], default if title is None else title, False)
 
 

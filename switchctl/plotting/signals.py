@@ -17,7 +17,9 @@ from switchctl.plotting.style import (
     legend_place,
     mode_style,
     one_axes,
+    plain,
     positive,
+    require,
     split_axes,
     steps_shown,
     time_label,
@@ -54,6 +56,7 @@ def plot_w2(
     control.ControlPlot
         Its axes are W2 and, below it, the active mode.
     """
+    require(data, (Schedule, Comparison), "plot_w2")
     schedules = data.schedules if isinstance(data, Comparison) else {data.method or "schedule": data}
     modes, x0 = data.modes, data.x0
     stop = steps_shown(list(schedules.values()), stop)
@@ -62,12 +65,12 @@ def plot_w2(
     ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
     t = np.arange(stop) * modes.dk
     lines = [
-        ax.semilogy(t, positive(w2), lw=1.4, label=name, **mode_style(i))[0]
+        ax.semilogy(t, positive(w2), lw=1.4, label=plain(name), **mode_style(i))[0]
         for i, (name, w2) in enumerate(zip(modes.names, constant_w2(modes.A, x0.second_moment, stop), strict=True))
     ]
     for dash, (label, schedule) in zip(cycle(SCHEDULE_DASHES), schedules.items(), strict=False):
         w2 = positive(schedule.w2[:stop])
-        lines += ax.semilogy(t[: len(w2)], w2, color="black", lw=2.2, linestyle=dash, label=label, zorder=3)
+        lines += ax.semilogy(t[: len(w2)], w2, color="black", lw=2.2, linestyle=dash, label=plain(label), zorder=3)
     drawn = positive(np.concatenate([schedule.w2[:stop] for schedule in schedules.values()]))
     if np.isfinite(drawn).any():  # an unstable mode may leave the picture
         bottom, top = ax.get_ylim()
@@ -112,11 +115,12 @@ def plot_switching(
     -------
     control.ControlPlot
     """
+    require(schedule, Schedule, "plot_switching")
     ax = one_axes(ax, (6.4, 0.9 + 0.32 * len(schedule.modes)))
     _draw_signal(ax, schedule, steps_shown([schedule], stop))
     ax.set_xlabel(time_label(schedule.modes))
     ax.set_ylabel("mode")
-    handles = [Patch(color=mode_style(i)["color"], label=name) for i, name in enumerate(schedule.modes.names)]
+    handles = [Patch(color=mode_style(i)["color"], label=plain(name)) for i, name in enumerate(schedule.modes.names)]
     return finish(ax, handles, schedule.method if title is None else title, legend_loc or False)
 
 
@@ -155,6 +159,7 @@ def plot_schematic(
     ValueError
         If the schedule never switches.
     """
+    require(schedule, Schedule, "plot_schematic")
     if not schedule.switches:
         raise ValueError("the schedule never switches, so there is nothing to show; give one with a switch")
     modes, first = schedule.modes, schedule.switches[0]
@@ -163,12 +168,12 @@ def plot_schematic(
     t = np.arange(stop) * modes.dk
     single = constant_w2(modes.A, schedule.x0.second_moment, stop)
     lines = [
-        ax.plot(t, single[i], lw=1.4, label=f"{modes.names[i]} alone", **mode_style(i))[0]
+        ax.plot(t, single[i], lw=1.4, label=f"{plain(modes.names[i])} alone", **mode_style(i))[0]
         for i in (first.after, first.before)
     ]
     w2 = schedule.w2[:stop]
     lines += ax.plot(t, w2, color="black", lw=2.4, label="switched", zorder=3)
-    for k in np.unique(np.linspace(0, stop - 2, 7).astype(int)[1:-1]):
+    for k in np.unique(np.linspace(0, max(stop - 2, 0), 7).astype(int)[1:-1] if stop > 2 else []).astype(int):
         arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2.4, "mutation_scale": 16}
         ax.annotate("", (t[k + 1], w2[k + 1]), (t[k], w2[k]), arrowprops=arrow)
     switch = first.step * modes.dk
@@ -189,8 +194,8 @@ def _draw_signal(ax: Axes, schedule: Schedule, stop: int) -> None:
     lengths = np.minimum(starts + lengths, stop) - starts
     for i, name in enumerate(schedule.modes.names):
         runs = [(dk * a, dk * b) for a, b in zip(starts, lengths, strict=True) if schedule.sequence[a] == i]
-        ax.broken_barh(runs, (i - 0.4, 0.8), color=mode_style(i)["color"], label=name)
-    ax.set_yticks(range(len(schedule.modes)), schedule.modes.names, fontsize="small")
+        ax.broken_barh(runs, (i - 0.4, 0.8), color=mode_style(i)["color"], label=plain(name))
+    ax.set_yticks(range(len(schedule.modes)), [plain(name) for name in schedule.modes.names], fontsize="small")
     ax.set_ylim(len(schedule.modes) - 0.5, -0.5)
     ax.set_xlim(0, stop * dk)
     ax.grid(True, axis="x", alpha=0.3)

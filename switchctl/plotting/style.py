@@ -122,4 +122,16 @@ def time_label(modes: ModeSet) -> str:
 
 def wrapped(label: str) -> str:
     """Break a long label before its settings."""
-    return label.replace("(", "\n(", 1) if len(label) > 18 else label
+    return plain(label.replace("(", "\n(", 1) if len(label) > 18 else label)
+
+
+def plain(text: str) -> str:
+    """Text as it stands: no dollar begins a formula."""
+    return text.replace("$", r"\$")
+
+
+def require(data: Any, kind: type | tuple[type, ...], picture: str) -> None:
+    """Refuse to draw what a picture is not of."""
+    if not isinstance(data, kind):
+        kinds = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
+        raise TypeError(f"{picture} draws a {kinds}, not a {type(data).__name__}")
