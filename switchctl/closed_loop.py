@@ -169,8 +169,7 @@ def _gain(plant: control.StateSpace, controller: Any, name: str, period: float |
     if not isinstance(controller, control.InputOutputSystem):
         if isinstance(controller, tuple) and len(controller) == 3 and np.ndim(controller[0]) == 2:
             raise TypeError(f"{label} is a tuple of three, as control.lqr returns (K, S, E); pass K, its first entry")
-        gain = real_array(controller, label)
-        gain = gain[None, :] if gain.ndim == 1 else np.atleast_2d(gain)
+        gain = np.atleast_2d(real_array(controller, label))
         if gain.shape != (plant.ninputs, plant.nstates):
             raise control.ControlDimension(
                 f"{label} has shape {gain.shape}; expected {(plant.ninputs, plant.nstates)}: the plant has "

@@ -237,3 +237,38 @@ def test_a_terminal_that_knows_no_trees():
 def test_interrupted(capsys, monkeypatch):
     monkeypatch.setattr("switchctl.cli.load_model", lambda name: (_ for _ in ()).throw(KeyboardInterrupt))
     assert run(capsys, "run", "servo") == (130, "", "switchctl: interrupted\n")
+
+
+def test_everything_in_a_json_file_counts(capsys, tmp_path):
+    content = {"A": [[[0.5]], [[0.9]]], "dt": 0.1, "Q": [[4.0]], "mean": [2.0], "states": ["level"]}
+    (tmp_path / "m.json").write_text(json.dumps(content))
+    assert run(capsys, "run", str(tmp_path / "m.json"), "--save", str(tmp_path))[0] == 0
+    saved = Schedule.load(tmp_path / "schedule.json")
+    assert (saved.modes.dt, saved.modes.states, saved.modes.Q[1].tolist()) == (0.1, ("level",), [[4.0]])
+    assert saved.x0.cov.tolist() == [[0.0]]
+    assert saved.cost == pytest.approx(0.1 * 4 * 4 / 0.75)
+
+
+def test_a_mat_file_with_one_mode(capsys, tmp_path):
+    scipy.io.savemat(tmp_path / "one.mat", {"A": 0.5 * np.eye(2), "mean": [1.0, 1.0], "names": np.array(["only "])})
+    record = json.loads(run(capsys, "run", str(tmp_path / "one.mat"), "--json")[1])
+    assert [mode["name"] for mode in record["modes"]] == ["only"]
+
+
+def test_compare_passes_its_options_on(capsys):
+    record = json.loads(run(capsys, "compare", "five_mode", "--steps", "4", "--mean", "1,0", "--cov", "0", "--json")[1])
+    assert {schedule["steps"] for schedule in record["schedules"]} == {4}
+    assert record["modes"][1]["cost"] < 10
+
+
+def test_a_mode_that_does_not_exist_is_told_without_quotes(capsys, tmp_path):
+    (tmp_path / "m.py").write_text(PYTHON_MODEL + "def method(): return switchctl.Constant('medium')\n")
+    assert run(capsys, "run", str(tmp_path / "m.py"))[2] == (
+        "switchctl: error: no mode is named 'medium'; the modes are stiff, soft\n"
+    )
+
+
+def test_a_reader_that_leaves_early_is_no_error():
+    command = f"{sys.executable} -m switchctl.cli compare five_mode | head -1"
+    piped = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
+    assert "Traceback" not in piped.stderr

@@ -157,6 +157,9 @@ def explosive():
         (stepping(), [static(0.1), static(0.2)], {}, ValueError, "dt = 0.2, but .* dt = 0.1"),
         (axis(), K, {"Q": np.diag([1.0, -1.0])}, ValueError, "Q is not positive semidefinite.*eigenvalue is -1"),
         (axis(), K, {"Q": np.eye(3)}, ValueError, r"Q has shape \(3, 3\)"),
+        (axis(), K, {"R": [[-1.0]]}, ValueError, "R is not positive semidefinite"),
+        (axis().sample(0.1), K, {"dt": 0.10001}, ValueError, "0.10001 s, but the plant is sampled"),
+        (control.ss(np.eye(2), np.zeros((2, 0)), np.eye(2), np.zeros((2, 0))), [1.0], {}, ValueError, "0 inputs"),
         (axis(), K, {"R": np.eye(2)}, ValueError, r"R has shape \(2, 2\)"),
         (control.ss([[800.0]], [[1]], [[1]], 0), [0.0], {"dt": 10.0}, ValueError, "overflows"),
         (

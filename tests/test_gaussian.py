@@ -124,3 +124,23 @@ def test_wrong_arguments_of_the_distance():
         wasserstein(Gaussian([0.0], [[1.0]]), Gaussian([0.0, 0.0], np.eye(2)))
     with pytest.raises(ValueError, match="at least two"):
         Gaussian.from_samples([[1.0, 2.0]])
+
+
+def test_rounding_is_symmetrised_and_more_is_refused():
+    cov = np.array([[1.0, 0.5], [0.5 * (1 + 1e-15), 1.0]])
+    assert (Gaussian([0.0, 0.0], cov).cov == Gaussian([0.0, 0.0], cov).cov.T).all()
+    for scale in (1e-12, 1.0, 1e12):
+        assert Gaussian([0.0, 0.0], scale * np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])).cov.shape == (2, 2)
+        with pytest.raises(ValueError, match="not symmetric"):
+            Gaussian([0.0, 0.0], scale * np.array([[1.0, 0.5], [0.5 + 1e-7, 1.0]]))
+        with pytest.raises(ValueError, match="not positive semidefinite"):
+            Gaussian([0.0, 0.0], scale * np.diag([1.0, -1e-7]))
+
+
+def test_arrays_of_a_gaussian_are_read_only():
+    gaussian = Gaussian([0.0], [[1.0]])
+    for array in (gaussian.mean, gaussian.cov):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 2.0
+    with pytest.raises(ValueError, match=r"target\[0\] is nan"):
+        gaussian.w2([np.nan])

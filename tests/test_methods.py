@@ -353,3 +353,49 @@ def test_an_online_state_beyond_the_range_is_an_error(pair, size):
 def test_every_public_method_is_tested_here():
     public = {v for v in vars(switchctl).values() if isinstance(v, type) and issubclass(v, switchctl.Method)}
     assert public - {switchctl.Method} == {type(method) for method in METHODS}
+
+
+def test_updates_are_counted_from_0_one_at_a_time(pair):
+    asked = []
+
+    def horizon(j):
+        asked.append(j)
+        return 5
+
+    schedule(*pair, RecedingHorizon(horizon, hold=3), steps=10)
+    assert asked == [0, 0, 1, 2, 3]  # the first one is also tried at the start
+
+
+@pytest.mark.parametrize(("measured", "added"), [(0.24, 0), (0.3, 1), (0.9, 1)])
+def test_what_counts_as_a_disturbance(measured, added):
+    """The held mode makes at most 0.25 of W2 = 1: up to there the bound is 0.1, beyond it 0.1 of what was measured."""
+    scheduler = RecedingHorizon(5, decrease=0.9).start(ModeSet([0.5 * np.eye(2)]))
+    scheduler.step([1.0, 0.0])
+    scheduler.step([0.5, 0.0])  # the first hold was lengthened by a step
+    assert scheduler.lengthened == 0
+    scheduler.reset()
+    scheduler.step([1.0, 0.0])
+    scheduler.last_w2, scheduler.growth, scheduler.remaining = 1.0, 0.25 * (1 + 1e-9), 0
+    scheduler.step([np.sqrt(measured), 0.0])
+    assert scheduler.lengthened == added
+
+
+def test_growth_is_that_of_the_held_mode_over_its_hold():
+    scheduler = RecedingHorizon(5, hold=2, decrease=0.9).start(ModeSet([0.5 * np.eye(2)]))
+    scheduler.step([3.0, 4.0])
+    assert (scheduler.lengthened, scheduler.last_w2) == (0, 25.0)
+    assert scheduler.growth == pytest.approx(0.5**4)
+    longer = RecedingHorizon(5, hold=1, decrease=0.9).start(ModeSet([0.5 * np.eye(2)]))
+    longer.step([3.0, 4.0])
+    assert longer.lengthened == 1
+    assert longer.growth == pytest.approx(0.5**4)
+
+
+def test_rollouts_tail_is_named_among_all_modes():
+    modes = ModeSet([[[1.2]], [[0.5]], [[0.9]]])
+    assert schedule(modes, Gaussian([1.0], [[0.0]]), Rollout(), steps=2).tail == (1,)
+
+
+def test_whole_numbers_are_kept_as_integers():
+    method = RecedingHorizon(np.float64(5), hold=2.0)
+    assert (type(method.horizon), type(method.hold)) == (int, int)

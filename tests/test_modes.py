@@ -137,3 +137,11 @@ def test_wrong_look_ups():
     for wrong in (True, 0.0, None):
         with pytest.raises(TypeError, match="index or its name"):
             modes[wrong]
+
+
+def test_gains_are_read_only_and_weights_checked():
+    modes = ModeSet(A, gains=np.ones((2, 1, 2)))
+    with pytest.raises(ValueError, match="read-only"):
+        modes.gains[0] = 2.0
+    with pytest.raises(ValueError, match=r"Q\[0, 1\] is nan"):
+        ModeSet(A, Q=[[1.0, np.nan], [np.nan, 1.0]])

@@ -141,3 +141,16 @@ def test_names_stand_as_they_are():
     comparison = compare(modes, x0, {"$\\bar": Rollout()})
     for picture in (comparison.plot(), comparison.plot_area(), plot_switching(comparison.schedules["$\\bar"])):
         picture.figure.canvas.draw()
+
+
+def test_axes_say_what_they_show(pair):
+    modes, x0 = pair
+    ellipses = plot_ellipses(schedule(modes, x0, RecedingHorizon(20))).axes[0, 0]
+    assert (ellipses.get_xlabel(), ellipses.get_ylabel()) == ("x[0] (state units)", "x[1] (state units)")
+    assert "area" in compare(modes, x0, Rollout()).plot_area().axes[0, 0].get_xlabel()
+    weighted = ModeSet(modes.A, modes.names, Q=np.diag([1.0, 0.5]))
+    assert compare(weighted, x0, Rollout()).plot_area().axes[0, 0].get_xlabel() == "total cost (weighted units)"
+    swept = sweep(modes, x0, [1, np.inf], [1, 5])
+    ax = swept.plot().axes[0, 0]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["1", "∞"]
+    assert [text.get_text() for text in ax.texts] == [f"{100 * value:.1f}" for value in swept.relative.ravel()]

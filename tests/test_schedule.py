@@ -385,3 +385,41 @@ def test_what_a_method_decides_is_checked(pair):
         with pytest.raises(error, match="mode"):
             Wrong(answer).start(pair[0]).step([1.0, 1.0])
     assert schedule(*pair, Wrong("calm"), steps=2).sequence.tolist() == [1, 1]
+
+
+def test_what_a_schedule_says_of_itself(pair):
+    modes, x0 = pair
+    told = repr(Schedule(modes, x0, [0, 1, 0, 1, 0, 1], tail=(0, 1)))
+    assert "fast calm repeated" in told and "6 steps (0.6 s)" in told
+    assert "calm -> fast at step 2, fast -> calm at step 3, .. 2 more" in told
+    assert repr(Schedule(ModeSet(modes.A), x0, [1])).startswith("Schedule: 1 step\n")
+    assert "A1 held" in repr(Schedule(ModeSet(modes.A), x0, [1]))
+    with pytest.raises(TypeError, match="must be a ModeSet"):
+        Schedule(modes.A, x0, [1])
+
+
+def test_the_limits_are_those_documented(pair):
+    assert (switchctl.scheduling.CEILING, switchctl.scheduling.CONVERGED) == (100_000, 1e-12)
+    diverged = schedule(ModeSet([[[1.1]]]), Gaussian([1.0], [[0.0]]), Constant(0))
+    assert diverged.w2[-1] < 1e12 <= diverged.final.w2()
+
+
+def test_a_comparison_of_unstable_modes_and_of_peaks():
+    modes = ModeSet([[[1.1, 0.0], [0.0, 0.5]], [[0.5, 0.0], [0.0, 1.1]]])
+    result = compare(
+        modes, Gaussian([1.0, 1.0], np.zeros((2, 2))), {"short": Constant(0), "long": PointwiseMinimum()}, 9
+    )
+    assert [row["ratio"] for row in result.rows()] == [None] * 4
+    assert result.rows()[2]["peak"] == result.schedules["short"].w2.max() > 2
+    assert "inf" in repr(result)
+    stable = ModeSet([[[0.5]], [[1.1]]])
+    uneven = compare(stable, Gaussian([1.0], [[0.0]]), {"a": Constant(0), "b": Constant(1)})
+    assert uneven.steps == max(map(len, uneven.schedules.values())) > min(map(len, uneven.schedules.values()))
+    assert "%" not in repr(uneven).splitlines()[3]  # an infinite cost has no ratio
+
+
+def test_a_sweep_passes_its_settings_on(pair):
+    held, cut = sweep(*pair, [5], [2], decrease=0.9).cost[0, 0], sweep(*pair, [5], [2], steps=3).cost[0, 0]
+    plain = schedule(*pair, RecedingHorizon(5, 2)).cost
+    assert held == schedule(*pair, RecedingHorizon(5, 2, 0.9)).cost != plain
+    assert cut == schedule(*pair, RecedingHorizon(5, 2), steps=3).cost != plain
