@@ -14,27 +14,27 @@ class FormatError(ValueError):
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a file whole or not at all: into a temporary file beside it, then renamed."""
-    path = Path(os.path.realpath(path))  # a link stays a link
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {str(path.parent)!r} to write {path.name} into; create it first")
-    if path.exists() and not path.is_file():  # a device or a pipe can't be replaced
-        path.write_text(text, encoding="utf-8", newline="")
-        return path
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    place = Path(os.path.realpath(path))  # a link stays a link
+    if not place.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {str(place.parent)!r} to write {place.name} into; create it first")
+    if place.exists() and not place.is_file():  # a device or a pipe can't be replaced
+        place.write_text(text, encoding="utf-8", newline="")
+        return Path(path)
+    handle, temporary = tempfile.mkstemp(dir=place.parent, suffix=".part")
     try:
         with open(handle, "w", encoding="utf-8", newline="") as file:
             file.write(text)
-        if path.exists():
-            shutil.copymode(path, temporary)
+        if place.exists():
+            shutil.copymode(place, temporary)
         else:
             mask = os.umask(0)
             os.umask(mask)
             os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, path)
+        os.replace(temporary, place)
     except BaseException:
         os.unlink(temporary)
         raise
-    return path
+    return Path(path)
 
 
 def write_document(path: str | os.PathLike[str], kind: str, version: int, content: dict[str, Any]) -> Path:

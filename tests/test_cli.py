@@ -35,7 +35,9 @@ def test_run_prints_a_table_and_saves_its_files(capsys, tmp_path):
     assert sorted(p.name for p in (tmp_path / "deep" / "out").iterdir()) == [
         "area.png", "schedule.csv", "schedule.json", "w2.png",
     ]  # fmt: skip
+    assert f"saved {tmp_path / 'deep' / 'out' / 'schedule.csv'}" in out
     result = Schedule.load(tmp_path / "deep" / "out" / "schedule.json")
+    assert (tmp_path / "deep" / "out" / "w2.png").stat().st_size > 20_000
     with open(tmp_path / "deep" / "out" / "schedule.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["k", "time", "index", "name", "w2"]
@@ -71,6 +73,13 @@ def test_compare_and_models(capsys):
     code, out, _ = run(capsys, "models")
     assert code == 0 and "quadrotor" in out
     assert set(json.loads(run(capsys, "models", "--json")[1])) == {"five_mode", "quadrotor", "servo", "suspension"}
+
+
+def test_files_are_named_as_they_were_asked_for(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = run(capsys, "run", "servo", "--save", "out")[1]
+    saved = [line for line in out.splitlines() if line.startswith("saved ")]
+    assert saved == [f"saved out/{name}" for name in ("schedule.csv", "schedule.json", "w2.png", "area.png")]
 
 
 def test_a_python_file(capsys, tmp_path):
