@@ -38,3 +38,26 @@ def test_suspension_weighs_acceleration_and_deflection():
         force = -c * (x[1] - x[3])
         acceleration = (plant.A @ x + plant.B[:, 0] * force)[1]
         assert x @ mode.Q @ x == pytest.approx(acceleration**2 + (x[2] / 0.02) ** 2)
+
+
+def test_servo_runs_at_the_speed_that_its_back_emf_allows():
+    from switchctl.models import servo
+
+    plant = servo.plant()
+    speed = -plant.B[1, 0] / plant.A[1, 1]  # steady, per volt: K / (b R + K^2)
+    assert speed == pytest.approx(0.0274 / (3.5077e-6 * 4 + 0.0274**2))
+    for name, ratio in servo.DAMPING.items():
+        poles = np.linalg.eigvals(plant.A - plant.B @ servo.controllers()[name])
+        assert abs(poles[0]) == pytest.approx(servo.BANDWIDTH)
+        assert -poles[0].real / abs(poles[0]) == pytest.approx(ratio, rel=1e-6)
+
+
+def test_suspension_obeys_newton():
+    from switchctl.models import suspension
+
+    body, body_speed, wheel, wheel_speed = x = np.array([0.02, -0.4, 0.01, 0.7])
+    spring, force = 80_000 * (body - wheel), 300.0
+    tyre = 500_000 * wheel + 15_020 * wheel_speed
+    rate = suspension.plant().A @ x + suspension.plant().B[:, 0] * force
+    expected = [body_speed, (force - spring) / 2500, wheel_speed, (spring - force - tyre) / 320]
+    np.testing.assert_allclose(rate, expected)

@@ -69,7 +69,7 @@ def plot_area(
     ax.set_xlim(0, 1.15 * top)
     unit = "" if comparison.modes.dt is True else " · s"
     area = (comparison.modes.Q == np.eye(comparison.modes.A.shape[-1])).all()
-    ax.set_xlabel(f"total area of $W^2$ (squared state units{unit})" if area else f"total cost (weighted units{unit})")
+    ax.set_xlabel(f"total area of $W^2$ (state units$^2${unit})" if area else f"total cost (weighted units{unit})")
     ax.spines[["top", "right"]].set_visible(False)
     return finish(ax, bars, title or "", legend_loc or False)
 

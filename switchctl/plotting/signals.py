@@ -75,7 +75,7 @@ def plot_w2(
     if np.isfinite(drawn).any():  # an unstable mode may leave the picture
         bottom, top = ax.get_ylim()
         ax.set_ylim(max(bottom, np.nanmin(drawn) / 100), min(top, np.nanmax(drawn) * 1e3))
-    ax.set_ylabel(r"$W^2$ (squared state units)")
+    ax.set_ylabel(r"$W^2$ (state units$^2$)")
     ax.tick_params(labelbottom=False)
     ax.grid(True, which="major", alpha=0.3)
     if one:
@@ -180,7 +180,7 @@ def plot_schematic(
     ax.axvline(switch, color="black", lw=0.8, ls=":")
     ax.annotate("$t_k$", (switch, 0), (4, 4), xycoords=("data", "axes fraction"), textcoords="offset points")
     ax.set_xlabel(time_label(modes))
-    ax.set_ylabel(r"$W^2$ (squared state units)")
+    ax.set_ylabel(r"$W^2$ (state units$^2$)")
     ax.set_ylim(bottom=0)
     ax.spines[["top", "right"]].set_visible(False)
     return finish(ax, lines, title or "", legend_place(legend_loc, "best"))
