@@ -1,12 +1,8 @@
 """Schedules: the cost convention, what follows from a sequence, files."""
 
-import copy
-import json
 import math
-import pickle
 
 import numpy as np
-import pandas
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +11,6 @@ from random_cases import random_gaussian, random_modes
 import switchctl.scheduling
 from switchctl import (
     Constant,
-    FormatError,
     Gaussian,
     ModeSet,
     PointwiseMinimum,
@@ -179,88 +174,6 @@ def test_ctrl_c_in_a_comparison_keeps_what_is_done_and_stops(pair):
     assert len(result.schedules["second (interrupted)"]) == 4
 
 
-def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
-    result = schedule(*pair, Rollout(), steps=12)
-    table = result.to_pandas()
-    assert list(table) == ["time", "index", "name", "w2"]
-    assert table.index.name == "k"
-    read = pandas.read_csv(result.to_csv(tmp_path / "schedule.csv"), index_col="k")
-    pandas.testing.assert_frame_equal(table, read, check_dtype=False)
-    assert read["w2"].tolist() == pytest.approx(result.w2, rel=1e-15)
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
-def test_saving_and_loading_is_the_identity(tmp_path_factory, seed):
-    rng = np.random.default_rng(seed)
-    modes = ModeSet(
-        random_modes(rng, 3, 2), ["a", 'é,"'], 0.1, Q=np.diag([1.0, 2.0, 0.0]), gains=rng.standard_normal((2, 1, 3))
-    )
-    original = schedule(modes, random_gaussian(rng, 3), RecedingHorizon(4, decrease=0.3), steps=20)
-    loaded = Schedule.load(original.save(tmp_path_factory.mktemp("files") / "schedule.json"))
-    for name in ("method", "status", "tail", "lengthened", "cost", "switches"):
-        assert getattr(loaded, name) == getattr(original, name)
-    for name in ("sequence", "w2", "mean", "cov"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(original, name))
-    for name in ("A", "Q", "gains", "names", "states", "dt"):
-        np.testing.assert_array_equal(getattr(loaded.modes, name), getattr(modes, name))
-
-
-def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):
-    original = schedule(ModeSet([[[1.1]]]), Gaussian([1.0], [[0.0]]), Constant(0), steps=3)
-    loaded = Schedule.load(original.save(tmp_path / "s.json"))
-    assert loaded.modes.dt is True
-    assert loaded.cost == math.inf
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda d: d.update(format="switchctl certificate"), "is not a switchctl schedule"),
-        (lambda d: d.update(version=99), "has version 99"),
-        (lambda d: d.pop("sequence"), "damaged schedule: 'sequence'"),
-        (lambda d: d["sequence"].__setitem__(0, 7), "damaged schedule: mode 7 is out of range"),
-        (lambda d: d["A"][0][0].pop(), "damaged schedule"),
-        (lambda d: d.update(cost=1.0), "states the cost 1.0"),
-        (lambda d: d.update(cov=[[1, 2], [2, 1]]), "least eigenvalue"),
-        (lambda d: d.update(cost="abc"), "damaged schedule"),
-        (lambda d: d.update(cost=10**400), "damaged schedule"),
-        (lambda d: d.update(dt=10**400), "floating-point range"),
-        (lambda d: d.update(method=5), "5 stands where a text should"),
-        (lambda d: d.update(names={"fast": 1, "calm": 2}), "where a list should"),
-        (lambda d: d.update(lengthened=[[1, 2.5]]), "lengthened is 2.5"),
-        (lambda d: d.update(A=(1e200 * np.ones((2, 2, 2))).tolist()), "floating-point range"),
-    ],
-)
-def test_a_damaged_file_is_a_format_error(pair, tmp_path, change, words):
-    path = schedule(*pair, Rollout(), steps=5).save(tmp_path / "s.json")
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
-    with pytest.raises(FormatError, match=words):
-        Schedule.load(path)
-
-
-def test_other_files_are_format_errors(tmp_path):
-    for content in (b"", b"{", b"\xff\xfe", b"[1, 2]", b"k,time\n0,0\n"):
-        (tmp_path / "s.json").write_bytes(content)
-        with pytest.raises(FormatError):
-            Schedule.load(tmp_path / "s.json")
-    with pytest.raises(FileNotFoundError):
-        Schedule.load(tmp_path / "none.json")
-
-
-def test_a_failed_write_leaves_the_old_file_and_no_other(pair, tmp_path, monkeypatch):
-    path = tmp_path / "s.json"
-    first = schedule(*pair, Rollout(), steps=5)
-    first.save(path)
-    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-    with pytest.raises(OSError, match="disk full"):
-        schedule(*pair, Rollout(), steps=6).save(path)
-    assert len(Schedule.load(path)) == 5
-    assert [p.name for p in tmp_path.iterdir()] == ["s.json"]
-
-
 def test_comparison_has_every_single_mode(pair):
     modes, x0 = pair
     result = compare(modes, x0, [Rollout(), RecedingHorizon(20)])
@@ -286,33 +199,6 @@ def test_an_explicit_sequence_may_leave_the_range():
     with pytest.raises(FloatingPointError, match="after step 154"):
         result.w2  # noqa: B018
     assert "W2        not available" in repr(result)
-
-
-def test_a_cost_beyond_the_range_is_an_error_and_the_rest_can_be_saved(tmp_path):
-    Q = [[1e308, -9e307], [-9e307, 1e308]]
-    result = Schedule(ModeSet([[[0.5, 0.1], [0.1, 0.5]]], Q=Q), Gaussian([1e3, 1e3], np.zeros((2, 2))), [0])
-    with np.errstate(all="ignore"):
-        with pytest.raises((FloatingPointError, np.linalg.LinAlgError)):
-            result.cost  # noqa: B018
-        assert Schedule.load(result.save(tmp_path / "s.json")).w2.tolist() == result.w2.tolist()
-
-
-def test_copies_are_read_only_too(pair):
-    for original in (schedule(*pair, Rollout()), pair[1]):
-        for twin in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original)):
-            np.testing.assert_array_equal(twin.mean, original.mean)
-            with pytest.raises(ValueError, match="read-only"):
-                twin.mean[0] = 1.0
-
-
-def test_a_link_stays_a_link(pair, tmp_path):
-    target, link = tmp_path / "target.json", tmp_path / "link.json"
-    target.write_text("old")
-    target.chmod(0o600)
-    link.symlink_to(target)
-    schedule(*pair, Rollout()).save(link)
-    assert link.is_symlink() and len(Schedule.load(target)) > 1
-    assert target.stat().st_mode & 0o777 == 0o600
 
 
 def test_wrong_arguments(pair):
