@@ -61,3 +61,30 @@ def test_suspension_obeys_newton():
     rate = suspension.plant().A @ x + suspension.plant().B[:, 0] * force
     expected = [body_speed, (force - spring) / 2500, wheel_speed, (spring - force - tyre) / 320]
     np.testing.assert_allclose(rate, expected)
+
+
+def test_quadrotor_obeys_euler():
+    """Body rates by M = I w' + w x (I w) with the rotors' momentum, attitude by the derivative of the rotation."""
+    from switchctl.models import quadrotor
+
+    rng = np.random.default_rng(1)
+    inertia = np.diag([quadrotor.PARAMETERS[name] for name in ("Ixx", "Iyy", "Izz")])
+    for _ in range(20):
+        x, moments = rng.uniform(-1, 1, 6), rng.uniform(-0.02, 0.02, 3)
+        phi, theta, _ = x[:3]
+        w = x[3:]
+        rate = quadrotor.nonlinear_plant().dynamics(0, x, moments)
+        speeds = quadrotor.rotor_speeds(moments)
+        residual = speeds @ [-1, 1, -1, 1]  # of the rotors' speeds, about the body's z axis
+        rotors = -np.cross(w, [0, 0, -quadrotor.PARAMETERS["Jr"] * residual])
+        expected = np.linalg.solve(inertia, moments - np.cross(w, inertia @ w) + rotors)
+        np.testing.assert_allclose(rate[3:], expected, rtol=1e-9)
+        to_rates = np.array(  # body rates from the rates of roll, pitch and yaw, in that order of rotation
+            [
+                [1, 0, -np.sin(theta)],
+                [0, np.cos(phi), np.sin(phi) * np.cos(theta)],
+                [0, -np.sin(phi), np.cos(phi) * np.cos(theta)],
+            ]
+        )
+        np.testing.assert_allclose(to_rates @ rate[:3], w, rtol=1e-9, atol=1e-12)
+    assert (quadrotor.rotor_speeds(np.array([5.0, 0.0, 0.0])) >= 0).all()

@@ -154,3 +154,37 @@ def test_axes_say_what_they_show(pair):
     ax = swept.plot().axes[0, 0]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["1", "∞"]
     assert [text.get_text() for text in ax.texts] == [f"{100 * value:.1f}" for value in swept.relative.ravel()]
+
+
+def test_a_mode_keeps_its_colour_in_every_picture(pair):
+    modes, x0 = pair
+    result = schedule(modes, x0, RecedingHorizon(20))
+    comparison = compare(modes, x0, {"a": RecedingHorizon(20), "b": Rollout()})
+    assert [
+        plt.matplotlib.colors.to_hex(bar.get_facecolor()).upper() for bar in comparison.plot_area().lines[0, 0]
+    ] == [
+        *COLOURS[:2],
+        "#000000",
+        "#000000",
+    ]
+    strips = comparison.plot().axes[1, 0].collections
+    for strip, shown in zip(strips, comparison.schedules.values(), strict=True):
+        runs = [0, *(switch.step for switch in shown.switches)]
+        colours = [plt.matplotlib.colors.to_hex(c).upper() for c in strip.get_facecolor()]
+        assert colours == [COLOURS[shown.sequence[k]] for k in runs]
+    ellipses = plot_ellipses(result).axes[0, 0].patches
+    edges = [plt.matplotlib.colors.to_hex(patch.get_edgecolor()).upper() for patch in ellipses]
+    assert edges[0] == COLOURS[result.sequence[0]] and edges[-1] == COLOURS[result.sequence[-1]]
+    schematic = plot_schematic(result).axes[0, 0]
+    assert [line.get_label() for line in schematic.get_lines()[:3]] == ["fast alone", "calm alone", "switched"]
+    assert schematic.get_lines()[3].get_xdata()[0] == pytest.approx(0.1 * result.switches[0].step)
+
+
+def test_time_is_in_seconds_where_there_is_a_period(pair):
+    modes, x0 = pair
+    seconds, steps = schedule(modes, x0, Rollout()), schedule(ModeSet(modes.A), x0, Rollout())
+    for plot in (plot_w2, plot_switching, plot_schematic):
+        assert plot(seconds).axes[-1, 0].get_xlabel() == "time (s)"
+        assert plot(steps).axes[-1, 0].get_xlabel() == "step k"
+    assert plot_w2(seconds, stop=11).axes[0, 0].get_lines()[0].get_xdata()[-1] == pytest.approx(1.0)
+    assert len(plot_w2(schedule(modes, x0, Rollout(), steps=5), stop=50).axes[0, 0].get_lines()[0].get_xdata()) == 5
