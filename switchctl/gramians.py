@@ -8,7 +8,7 @@ import numpy as np
 
 from switchctl.moments import Array
 
-_ACCURACY = 1e-2  # a tail is returned only if its relative error is provably below this; it is far smaller as a rule
+_ACCURACY = 1e-2  # a tail is returned only if its estimated relative error, pessimistic as a rule, is below this
 _DOUBLINGS = 47
 
 
@@ -110,7 +110,7 @@ def tail(A: Array, Q: Array) -> Array | None:
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the diagonal of P could not be computed to a relative error of 1e-2, or `is_schur` can't decide.
+        If the estimated relative error of the diagonal of P exceeds 1e-2, or `is_schur` can't decide.
 
     Examples
     --------
@@ -123,17 +123,23 @@ def tail(A: Array, Q: Array) -> Array | None:
         return None
     P = _doubled(A, Q)
     # D_ii is the size of what is added up in the residual R. |x' R x| <= r x' D x, with r the norm of R scaled by
-    # D^(-1/2) on both sides, plus rounding; so the error of P is at most r Z, Z = D + A' Z A.
-    D = np.diag(np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q))
-    scale = np.sqrt(np.outer(D, D))
-    R = np.divide(Q + _transform(A, P) - P, scale, out=np.zeros_like(P), where=scale > 0)
-    error = (np.linalg.norm(R, 2) + len(A) * np.finfo(float).eps) * np.diag(_doubled(A, np.diag(D)))
-    if not (error <= _ACCURACY * np.diag(P)).all():
+    # D^(-1/2) on both sides; so the error of P is at most r Z, Z = D + A' Z A, and Z at most twice the computed one.
+    D = np.diag(np.diag(np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q)))
+    Z = _doubled(A, D)
+    r, r_Z = (_scaled_norm(weight + _transform(A, G) - G, D) for weight, G in ((Q, P), (D, Z)))
+    error = 2 * (r + len(A) * np.finfo(float).eps) * np.diag(Z)
+    if not (r_Z < 0.5 and (error <= _ACCURACY * np.diag(P)).all()):
         raise np.linalg.LinAlgError(
             f"the cost for ever cannot be computed to a relative error of {_ACCURACY} (spectral radius "
             f"{np.abs(np.linalg.eigvals(A)).max():.12g}, greatest entry {np.abs(P).max():.3g}): rescale the states"
         )
     return P
+
+
+def _scaled_norm(R: Array, D: Array) -> float:
+    """The spectral norm of ``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
+    scale = np.sqrt(np.outer(np.diag(D), np.diag(D)))
+    return float(np.linalg.norm(np.divide(R, scale, out=np.zeros_like(R), where=scale > 0), 2))
 
 
 def _doubled(A: Array, Q: Array) -> Array:

@@ -153,14 +153,15 @@ class ModeSet:
     def tails(self) -> tuple[Array | None, ...]:
         """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur.
 
-        Raises `numpy.linalg.LinAlgError` where one can't be computed to a relative error of 1e-2.
+        Raises `numpy.linalg.LinAlgError` where one can't be computed well enough (see `tail`).
         """
-        return tuple(self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self)))
+        tails = [self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self))]
+        return tuple(None if P is None else frozen(P) for P in tails)
 
     @cached_property
     def schur(self) -> NDArray[np.bool_]:
         """Whether each mode is Schur stable, shape (m,); `numpy.linalg.LinAlgError` where rounding hides it."""
-        return np.array([self._of_mode(i, is_schur, self.A[i]) for i in range(len(self))])
+        return frozen(np.array([self._of_mode(i, is_schur, self.A[i]) for i in range(len(self))]))
 
     def _of_mode(self, i: int, function: Callable[..., Any], *arguments: Array) -> Any:
         try:

@@ -49,6 +49,8 @@ def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = N
     ValueError
         If dimensions differ, steps is not a positive whole number, the method cannot work with these modes, or W2
         leaves the floating-point range.
+    FloatingPointError
+        If the cost of a mode leaves the floating-point range.
 
     Examples
     --------
@@ -69,7 +71,8 @@ def schedule(modes: ModeSet, x0: Gaussian, method: Method, steps: int | None = N
     status = "number of steps reached"
     try:
         for k in tqdm(range(limit), desc="schedule", unit="step", delay=2, leave=False):
-            mode = modes.index(scheduler.decide(F @ F.T))
+            with np.errstate(over="ignore", invalid="ignore"):
+                mode = modes.index(scheduler.decide(F @ F.T))
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)

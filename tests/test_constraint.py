@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from random_cases import random_gaussian
+from random_cases import random_gaussian, random_modes
 
 from switchctl import (
     Gaussian,
@@ -90,3 +90,15 @@ def test_growth_is_that_of_the_held_mode_over_its_hold():
     longer.step([3.0, 4.0])
     assert longer.lengthened == 1
     assert longer.growth == pytest.approx(0.5**4)
+
+
+def test_w2_falls_over_every_two_updates():
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        modes, x0 = ModeSet(random_modes(rng, 3, 2)), random_gaussian(rng, 3)
+        result = schedule(modes, x0, RecedingHorizon(4, hold=2, decrease=0.5), steps=60)
+        added, updates = dict(result.lengthened), [0]
+        while updates[-1] + 2 + added.get(updates[-1], 0) < 60:
+            updates.append(updates[-1] + 2 + added.get(updates[-1], 0))
+        w2 = result.w2[updates]
+        assert (w2[1:] <= 0.5 * np.concatenate([w2[:1], w2[:-2]]) * (1 + 1e-9)).all()

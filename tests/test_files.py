@@ -67,6 +67,7 @@ def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):
         (lambda d: d["sequence"].__setitem__(0, 7), "damaged schedule: mode 7 is out of range"),
         (lambda d: d["A"][0][0].pop(), "damaged schedule"),
         (lambda d: d.update(cost=1.0), "states the cost 1.0"),
+        (lambda d: d.update(cost=d["cost"] * (1 + 1e-5)), "states the cost"),
         (lambda d: d.update(cov=[[1, 2], [2, 1]]), "least eigenvalue"),
         (lambda d: d.update(cost="abc"), "damaged schedule"),
         (lambda d: d.update(cost=10**400), "damaged schedule"),

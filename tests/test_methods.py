@@ -319,3 +319,26 @@ def test_rollouts_tail_is_named_among_all_modes():
 def test_whole_numbers_are_kept_as_integers():
     method = RecedingHorizon(np.float64(5), hold=2.0)
     assert (type(method.horizon), type(method.hold)) == (int, int)
+
+
+@given(cases, st.integers(1, 4), st.integers(1, 20))
+@settings(max_examples=100, deadline=None)
+def test_the_infinite_horizon_costs_no_more_than_the_best_single_mode(case, hold, steps):
+    modes, x0 = draw(case)
+    result = schedule(modes, x0, RecedingHorizon(math.inf, hold), steps=steps)
+    assert result.cost <= single_mode_costs(modes, x0).min() * (1 + 1e-9)
+
+
+def test_a_singular_weight_bounds_the_cost_and_not_w2():
+    modes = ModeSet([np.diag([0.5, 2.0]), np.diag([0.6, 0.5])], Q=np.diag([1.0, 0.0]))
+    x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+    result = schedule(modes, x0, Rollout(), steps=20)
+    assert result.w2[-1] > 1e6
+    assert result.cost <= single_mode_costs(modes, x0)[1]
+
+
+def test_settings_are_told_by_name_and_as_plain_numbers():
+    assert repr(RecedingHorizon(5, decrease=np.float64(0.1))) == "RecedingHorizon(horizon=5, decrease=0.1)"
+    assert repr(RecedingHorizon(draw)) == "RecedingHorizon(horizon=draw)"
+    with pytest.raises(FloatingPointError, match="second moment"):
+        Constant(0).start(ModeSet([np.eye(2) / 2])).step([1e200, 1e200])

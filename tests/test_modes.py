@@ -79,7 +79,16 @@ def test_input_is_copied_and_the_set_is_read_only():
         modes.A = matrices
     twin = copy.deepcopy(modes)
     assert twin.names == modes.names
-    for array in (modes.A, modes.Q, modes.spectral_radii, pickle.loads(pickle.dumps(modes)).A, twin.A):
+    assert (twin.dt, twin.states, twin.gains) == (modes.dt, modes.states, None)
+    for array in (
+        modes.A,
+        modes.Q,
+        modes.spectral_radii,
+        modes.schur,
+        modes.tails[0],
+        pickle.loads(pickle.dumps(modes)).A,
+        twin.A,
+    ):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 

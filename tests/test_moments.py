@@ -268,3 +268,10 @@ def test_word_tail_is_the_sum_over_its_repetition():
     P = word_tail(A, Q, word)
     assert np.trace(P @ x0.second_moment) == pytest.approx(total, rel=1e-12)
     assert word_tail(A, Q, (1,)) == pytest.approx(tail(A[1], Q[1]))
+
+
+def test_cost_matrices_are_exactly_symmetric():
+    A = random_modes(np.random.default_rng(10), 5, 3)
+    Q = np.broadcast_to(np.eye(5), A.shape)
+    for G in (tail(A[0], Q[0]), word_tail(A, Q, (0, 1)), *horizon_gramians(A, Q, 11)):
+        assert G is None or (G == G.T).all()

@@ -158,9 +158,8 @@ class Method(ABC):
     def __repr__(self) -> str:
         """Name the settings that differ from their defaults."""
         defaults: dict[str, Any] = {field.name: field.default for field in fields(self)} if is_dataclass(self) else {}
-        told = [
-            f"{name}={getattr(self, name)!r}" for name, default in defaults.items() if getattr(self, name) != default
-        ]
+        changed = {name: getattr(self, name) for name, default in defaults.items() if getattr(self, name) != default}
+        told = [f"{name}={getattr(value, '__qualname__', repr(value))}" for name, value in changed.items()]
         return f"{type(self).__name__}({', '.join(told)})"
 
 

@@ -26,14 +26,16 @@ class RecedingHorizon(Method):
 
     At the update time t_j choose the mode whose cost over ``k = t_j .. t_j + T`` is least,
 
-    .. math:: \min_\sigma \sum_{k=t_j}^{t_j+T} W_\sigma^2(k) \quad\text{subject to}\quad
-              W_\sigma^2(t_{j+1}) \le (1 - \text{decrease})\, W^2(t_{j-1}),
+    .. math:: \min_\sigma \sum_{k=t_j}^{t_j+T} \operatorname{tr}(Q_\sigma S_{\sigma}(k)) \quad\text{subject to}\quad
+              W_\sigma^2(t_{j+1}) \le (1 - \text{decrease})\, W^2(t_{j-1})
 
-    and hold it until ``t_{j+1} = t_j + hold``. Where no mode satisfies the constraint, the hold is lengthened step by
-    step until one does: it exists, because every mode is Schur. ``W2(t_0)`` stands for the missing
-    ``W2(t_{-1})``, and after a disturbance, a W2(t_j) that the mode held before can't have made, W2(t_j) itself. The
-    constraint makes the switched system mean-square stable (Theorem 1 of the paper). A decision is one small
-    matrix-vector product, whatever the horizon.
+    (with the default weight Q = I the summand is W2, as in the paper), and hold it until ``t_{j+1} = t_j + hold``.
+    Where no mode satisfies the constraint, the hold is lengthened step by step until one does: it exists, because
+    every mode is Schur. ``W2(t_0)`` stands for the missing ``W2(t_{-1})``, and after a disturbance, a W2(t_j) that the
+    mode held before can't have made, W2(t_j) itself. The constraint makes the switched system mean-square stable
+    (Theorem 1 of the paper). A decision is one small matrix-vector product, whatever the horizon; one that has to
+    lengthen its hold takes some microseconds more for each step it tries, of at most 100,000. An infinite horizon
+    without the constraint costs no more than the best single mode.
 
     Parameters
     ----------
@@ -76,8 +78,10 @@ class RecedingHorizon(Method):
             horizon = _checked(horizon, "horizon")  # type: ignore[arg-type]
         object.__setattr__(self, "horizon", horizon)
         object.__setattr__(self, "hold", whole_number(self.hold, "hold"))
-        if self.decrease is not None and not 0 < number(self.decrease, "decrease") < 1:
-            raise ValueError(f"decrease is {self.decrease}; expected a number strictly between 0 and 1, or None")
+        if self.decrease is not None:
+            object.__setattr__(self, "decrease", number(self.decrease, "decrease"))
+            if not 0 < self.decrease < 1:
+                raise ValueError(f"decrease is {self.decrease}; expected a number strictly between 0 and 1, or None")
 
     def at(self, j: int) -> int | float:
         """T at the j-th update.

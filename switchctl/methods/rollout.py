@@ -16,8 +16,9 @@ class Rollout(Method):
 
     With the Lyapunov solutions P_q the choice is the i that minimises
     ``min_q tr((Q_i + A_i' P_q A_i) S)``. It costs no more than the best single mode, whatever the initial state, and
-    is mean-square stable without a constraint where every stage weight is positive definite, as by default (with a
-    singular weight, in the states that the cost sees). docs/theory.md has the proof. One mode at least must be Schur.
+    is mean-square stable without a constraint where every stage weight is positive definite, as by default
+    (docs/theory.md has the proofs; with a singular weight, states that the cost doesn't see may grow). One mode at
+    least must be Schur.
 
     Raises
     ------

@@ -47,7 +47,7 @@ def plot_w2(
     ax : matplotlib axes, optional
         Where to draw; a new figure by default. The lower part becomes the band of the active mode.
     title : str, optional
-        Title; none by default.
+        Title (over the legend, where that is above the axes); none by default.
     legend_loc : str or False, optional
         Place of the legend, or False for none; above the axes by default.
 
