@@ -11,11 +11,14 @@ from switchctl.closed_loop import close_loops
 from switchctl.comparison import Comparison, compare
 from switchctl.files import FormatError
 from switchctl.gaussian import Gaussian, wasserstein
+from switchctl.graph import Edge, SwitchingGraph
 from switchctl.methods import (
     Constant,
+    FewSwitches,
     Method,
     PointwiseMinimum,
     RecedingHorizon,
+    Refine,
     Rollout,
     Scheduler,
     best_single_mode,
@@ -23,8 +26,10 @@ from switchctl.methods import (
 )
 from switchctl.modes import Mode, ModeSet
 from switchctl.result import Schedule, Switch
+from switchctl.rules import Budget, Rules
 from switchctl.scheduling import schedule
 from switchctl.sweeping import Sweep, sweep
+from switchctl.tail_costs import CostParts
 
 __version__ = "0.1.0"
 
@@ -37,8 +42,12 @@ def __getattr__(name: str) -> ModuleType:
 
 
 __all__ = [
+    "Budget",
     "Comparison",
     "Constant",
+    "CostParts",
+    "Edge",
+    "FewSwitches",
     "FormatError",
     "Gaussian",
     "Method",
@@ -46,11 +55,14 @@ __all__ = [
     "ModeSet",
     "PointwiseMinimum",
     "RecedingHorizon",
+    "Refine",
     "Rollout",
+    "Rules",
     "Schedule",
     "Scheduler",
     "Sweep",
     "Switch",
+    "SwitchingGraph",
     "best_single_mode",
     "close_loops",
     "compare",

@@ -12,8 +12,18 @@ _ACCURACY = 1e-2  # a tail is returned only if its estimated relative error, pes
 _DOUBLINGS = 47
 
 
-def _transform(M: Array, G: Array) -> Array:
-    """``M' G M``, symmetrised."""
+def transform(M: Array, G: Array) -> Array:
+    """``M' G M``, symmetrised: what a cost matrix G is worth before a step M.
+
+    Parameters
+    ----------
+    M, G : arrays, shape (..., n, n)
+        A mode (or a power of one), and a symmetric matrix.
+
+    Returns
+    -------
+    array, shape (..., n, n)
+    """
     product = np.swapaxes(M, -1, -2) @ G @ M
     return (product + np.swapaxes(product, -1, -2)) / 2
 
@@ -39,9 +49,9 @@ def horizon_gramians(A: Array, Q: Array, horizon: int) -> Array:
     """
     G, power = Q, A  # of 1 term
     for bit in bin(horizon + 1)[3:]:
-        G, power = G + _transform(power, G), power @ power
+        G, power = G + transform(power, G), power @ power
         if bit == "1":
-            G, power = Q + _transform(A, G), power @ A
+            G, power = Q + transform(A, G), power @ A
     return G
 
 
@@ -126,7 +136,7 @@ def tail(A: Array, Q: Array) -> Array | None:
     # D^(-1/2) on both sides; so the error of P is at most r Z, Z = D + A' Z A, and Z at most twice the computed one.
     D = np.diag(np.diag(np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q)))
     Z = _doubled(A, D)
-    r, r_Z = (_scaled_norm(weight + _transform(A, G) - G, D) for weight, G in ((Q, P), (D, Z)))
+    r, r_Z = (_scaled_norm(weight + transform(A, G) - G, D) for weight, G in ((Q, P), (D, Z)))
     error = 2 * (r + len(A) * np.finfo(float).eps) * np.diag(Z)
     if not (r_Z < 0.5 and (error <= _ACCURACY * np.diag(P)).all()):
         raise np.linalg.LinAlgError(
@@ -146,7 +156,7 @@ def _doubled(A: Array, Q: Array) -> Array:
     """``sum_k A'^k Q A^k`` of a Schur mode, by doubling until the power vanishes."""
     G, M = Q, A
     while np.linalg.norm(M) > 1e-20:
-        G, M = G + _transform(M, G), M @ M
+        G, M = G + transform(M, G), M @ M
     return G
 
 
@@ -173,6 +183,6 @@ def word_tail(A: Array, Q: Array, word: tuple[int, ...]) -> Array | None:
     """
     period, product = np.zeros_like(Q[0]), np.eye(A.shape[-1])
     for mode in reversed(word):
-        period = Q[mode] + _transform(A[mode], period)
+        period = Q[mode] + transform(A[mode], period)
         product = product @ A[mode]
     return tail(product, period)

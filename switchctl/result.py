@@ -3,10 +3,11 @@
 import csv
 import io
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -14,18 +15,21 @@ from numpy.typing import NDArray
 
 from switchctl.files import FormatError, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
-from switchctl.gramians import word_tail
+from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import check_state
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
-from switchctl.tables import html_table
+from switchctl.plain import plain_system, read_list, read_system, read_text
+from switchctl.result_text import facts, heading
+from switchctl.tables import html_table, tree
+from switchctl.tail_costs import CostParts, tail_parts
 from switchctl.validation import frozen, whole_number
 
 if TYPE_CHECKING:
     import pandas
     from control import ControlPlot
 
-_VERSION = 1
+_VERSION = 2
 
 
 class Switch(NamedTuple):
@@ -56,12 +60,24 @@ class Schedule:
         Why it ends where it does.
     lengthened : sequence of (int, int), optional
         The updates at which a stability constraint lengthened the hold: the step, and the steps added.
+    lead : tuple of int, optional
+        Modes taken once, between the last step and the tail's word; none by default.
+    graph : SwitchingGraph, optional
+        The rules; by default there are none. A sequence against the rules is refused.
+    statistics : dict, optional
+        What a search that made the schedule reports.
+
+    Raises
+    ------
+    ValueError
+        If the sequence is empty, or it or what follows it is against the rules.
 
     Notes
     -----
     The one cost convention of the package: ``cost = dk * (sum_{k=0}^{N-1} tr(Q_sk S_k) + tr(P S_N))``, with P the
-    cost matrix of the tail; it is infinite where the tail is not Schur. ``dk`` is dt, or 1 where dt carries no
-    period. Arrays over time have one entry a step, for the state at its beginning.
+    cost matrix of what follows the last step; it is infinite where the tail is not Schur. ``dk`` is dt, or 1 where dt
+    carries no period. Under rules the costs of switches and ``dk`` times the running price of each step, above the
+    cheapest mode's, are added: `cost_parts`. Arrays over time have one entry a step, for the state at its beginning.
 
     Examples
     --------
@@ -81,6 +97,9 @@ class Schedule:
     method: str = ""
     status: str = ""
     lengthened: tuple[tuple[int, int], ...] = ()
+    lead: tuple[int, ...] = ()
+    graph: SwitchingGraph = None  # type: ignore[assignment]
+    statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_state(self.modes, self.x0)
@@ -88,7 +107,19 @@ class Schedule:
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
         tail = tuple(self.modes.index(mode) for mode in self.tail) or (int(sequence[-1]),)
+        if self.graph is None:
+            object.__setattr__(self, "graph", SwitchingGraph(self.modes))
+        elif self.graph.modes is not self.modes:
+            raise ValueError("graph is of other modes; give the schedule that graph's .modes")
+        lead = tuple(self.modes.index(mode) for mode in self.lead)
+        if len(self.graph) > 1:
+            last = int(self.graph.walk([*sequence.tolist(), *lead])[-1])
+            if not self.graph.lasting(tail)[last]:
+                words = " ".join(self.modes.names[mode] for mode in tail)
+                raise ValueError(f"the tail can't repeat {words!r} for ever under {self.graph.rules!r}")
         object.__setattr__(self, "sequence", frozen(sequence))
+        object.__setattr__(self, "lead", lead)
+        object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
         object.__setattr__(self, "tail", tail)
         object.__setattr__(
             self,
@@ -99,8 +130,9 @@ class Schedule:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        fields = (self.modes, self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened)
-        return type(self), fields  # so that copies are checked and read-only too
+        rest = (self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened, self.lead)
+        # A copy is checked and read-only too, and has the modes of its graph.
+        return _rebuilt, (type(self), self.graph, *rest, dict(self.statistics))
 
     def __len__(self) -> int:
         return len(self.sequence)
@@ -149,18 +181,37 @@ class Schedule:
         return self._run[2]
 
     @cached_property
+    def _parts(self) -> tuple[CostParts, CostParts]:
+        """The cost of the steps and of what follows them."""
+        graph, dk, (w2, stage, final) = self.graph, self.modes.dk, self._run
+        before = np.concatenate([graph.last_mode[:1], self.sequence[:-1]])
+        switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
+        steps = CostParts(float(dk * stage.sum()), float(switching.sum()), float(dk * graph.price[self.sequence].sum()))
+        return steps, tail_parts(graph, int(self.sequence[-1]), self.lead, self.tail, final.second_moment)
+
+    @property
     def tail_cost(self) -> float:
-        """Cost of what follows the last step, ``dk * tr(P S_N)``; infinite where the tail is not Schur."""
-        P = word_tail(self.modes.A, self.modes.Q, self.tail)
-        return np.inf if P is None else float(self.modes.dk * np.sum(P * self.final.second_moment))
+        """Cost of what follows the last step; infinite where the tail is not Schur, or pays a price for ever."""
+        return float(sum(self._parts[1]))
+
+    @property
+    def cost_parts(self) -> CostParts:
+        """What the state, switches and the running price cost to the end of time; their sum is `cost`."""
+        return CostParts(*(float(a + b) for a, b in zip(*self._parts, strict=True)))
 
     @cached_property
     def cost(self) -> float:
-        """``dk * sum_k tr(Q S_k)`` to the end of time (see Notes for the convention)."""
-        cost = float(self.modes.dk * self._run[1].sum() + self.tail_cost)
+        """``dk * sum_k tr(Q S_k)`` to the end of time, with switches and prices (see Notes for the convention)."""
+        cost = float(sum(self.cost_parts))
         if np.isnan(cost):
             raise FloatingPointError("the cost exceeds the floating-point range; scale the weights")
         return cost
+
+    @property
+    def resource_use(self) -> Array | None:
+        """What each step uses of the budget, shape (N,); None where the rules have no budget."""
+        use = self.graph.resource_use
+        return None if use is None else use[self.sequence]
 
     @property
     def _known_cost(self) -> float | None:
@@ -248,21 +299,15 @@ class Schedule:
         -------
         pathlib.Path
         """
-        modes = self.modes
         content = {
             "method": self.method,
             "status": self.status,
             "cost": self._known_cost,
-            "dt": modes.dt,
-            "names": modes.names,
-            "states": modes.states,
-            "mean": self.x0.mean.tolist(),
-            "cov": self.x0.cov.tolist(),
-            "A": modes.A.tolist(),
-            "Q": modes.Q.tolist(),
-            "gains": None if modes.gains is None else modes.gains.tolist(),
+            **plain_system(self.graph, self.x0),
             "tail": self.tail,
+            "lead": self.lead,
             "lengthened": self.lengthened,
+            "statistics": dict(self.statistics),
             "sequence": self.sequence.tolist(),
         }
         return write_document(path, "schedule", _VERSION, content)
@@ -287,22 +332,18 @@ class Schedule:
         """
         document = read_document(path, "schedule", _VERSION)
         try:
-            modes = ModeSet(
-                document["A"],
-                _list(document["names"]),
-                document["dt"],
-                Q=document["Q"],
-                gains=document["gains"],
-                states=_list(document["states"]),
-            )
+            graph, x0 = read_system(document)
             schedule = cls(
-                modes,
-                Gaussian(document["mean"], document["cov"]),
-                _list(document["sequence"]),
-                tuple(_list(document["tail"])),
-                _text(document["method"]),
-                _text(document["status"]),
+                graph.modes,
+                x0,
+                read_list(document["sequence"]),
+                tuple(read_list(document["tail"])),
+                read_text(document["method"]),
+                read_text(document["status"]),
                 document["lengthened"],
+                tuple(read_list(document["lead"])),
+                graph,
+                dict(document["statistics"]),
             )
             stored = document["cost"]
             if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
@@ -322,56 +363,12 @@ class Schedule:
 
         return plot_w2(self, **keywords)
 
-    def _facts(self) -> list[tuple[str, str]]:
-        names = self.modes.names
-        after = " ".join(names[mode] for mode in self.tail) + (" held" if len(self.tail) == 1 else " repeated")
-        switches = [f"{names[s.before]} -> {names[s.after]} at step {s.step}" for s in self.switches[:3]]
-        more = f", .. {len(self.switches) - 3} more" if len(self.switches) > 3 else ""
-        share = np.bincount(self.sequence, minlength=len(names)) / len(self)
-        facts = [
-            ("method", self.method),
-            ("cost", _told(lambda: f"{self.cost:.6g}  (with {after} after the last step)")),
-            ("W2", _told(lambda: f"{self.w2[0]:.6g} -> {self.final.w2():.6g}")),
-            ("switches", f"{len(self.switches)}" + (f" ({', '.join(switches)}{more})" if switches else "")),
-            ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
-            ("ends", self.status),
-        ]
-        if self.lengthened:
-            steps = ", ".join(str(k) for k, _ in self.lengthened[:5]) + ", .." * (len(self.lengthened) > 5)
-            holds = f"{len(self.lengthened)} hold{'s' * (len(self.lengthened) > 1)}"
-            facts.append(("lengthened", f"{holds}, for stability, at step {steps}"))
-        return [(key, value) for key, value in facts if value]
-
-    def _heading(self) -> str:
-        duration = "" if self.modes.dt is True else f" ({len(self) * self.modes.dk:g} s)"
-        return f"Schedule: {len(self)} step{'s' * (len(self) > 1)}{duration}"
-
     def __repr__(self) -> str:
-        facts = self._facts()
-        width = max(len(key) for key, _ in facts)
-        branches = ["├──"] * (len(facts) - 1) + ["└──"]
-        lines = [f"{branch} {key:<{width}}  {value}" for branch, (key, value) in zip(branches, facts, strict=True)]
-        return "\n".join([self._heading(), *lines])
+        return tree(heading(self), facts(self))
 
     def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), self._heading())
+        return html_table(["", ""], facts(self), heading(self))
 
 
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise TypeError(f"{value!r} stands where a list should")
-    return value
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} stands where a text should")
-    return value
-
-
-def _told(value: Callable[[], str]) -> str:
-    """A value for a person to read, or why there is none: what can't be computed must not hide the rest."""
-    try:
-        return value()
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        return f"not available: {error}"
+def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, *rest: Any) -> Schedule:
+    return kind(graph.modes, *rest[:-1], graph, rest[-1])

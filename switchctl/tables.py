@@ -32,3 +32,11 @@ def html_table(header: Sequence[str], rows: Sequence[Sequence[Any]], caption: st
         f'<table><caption style="{style}">{escape(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     )
+
+
+def tree(heading: str, facts: Sequence[tuple[str, str]]) -> str:
+    """A heading with facts branching from it, for a terminal."""
+    width = max((len(key) for key, _ in facts), default=0)
+    branches = ["├──"] * (len(facts) - 1) + ["└──"]
+    lines = [f"{branch} {key:<{width}}  {value}" for branch, (key, value) in zip(branches, facts, strict=False)]
+    return "\n".join([heading, *lines])

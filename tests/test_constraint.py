@@ -76,7 +76,7 @@ def test_what_counts_as_a_disturbance(measured, added):
     assert scheduler.lengthened == 0
     scheduler.reset()
     scheduler.step([1.0, 0.0])
-    scheduler.last_w2, scheduler.growth, scheduler.remaining = 1.0, 0.25 * (1 + 1e-9), 0
+    scheduler.last_w2, scheduler.growth, scheduler.plan = 1.0, 0.25 * (1 + 1e-9), []
     scheduler.step([np.sqrt(measured), 0.0])
     assert scheduler.lengthened == added
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_cases import random_gaussian, random_modes
 
-import switchctl.scheduling
+import switchctl.methods.prediction
 from switchctl import (
     Constant,
     Gaussian,
@@ -109,7 +109,7 @@ def test_a_schedule_ends_and_says_why(pair, monkeypatch):
     diverged = schedule(unstable, Gaussian([1.0], [[0.0]]), Constant(0))
     assert diverged.status == "diverged"
     assert diverged.cost == math.inf
-    monkeypatch.setattr(switchctl.scheduling, "CEILING", 7)
+    monkeypatch.setattr(switchctl.methods.prediction, "CEILING", 7)
     assert (len(schedule(modes, x0, Rollout())), schedule(modes, x0, Rollout()).status) == (
         7,
         "ceiling of steps reached",
@@ -285,7 +285,7 @@ def test_what_a_schedule_says_of_itself(pair):
 
 
 def test_the_limits_are_those_documented(pair):
-    assert (switchctl.scheduling.CEILING, switchctl.scheduling.CONVERGED) == (100_000, 1e-12)
+    assert (switchctl.methods.prediction.CEILING, switchctl.methods.prediction.CONVERGED) == (100_000, 1e-12)
     diverged = schedule(ModeSet([[[1.1]]]), Gaussian([1.0], [[0.0]]), Constant(0))
     assert diverged.w2[-1] < 1e12 <= diverged.final.w2()
 

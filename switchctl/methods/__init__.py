@@ -2,15 +2,19 @@
 
 from switchctl.methods.base import Method, Scheduler, least_cost
 from switchctl.methods.constant import Constant, best_single_mode, single_mode_costs
+from switchctl.methods.few_switches import FewSwitches
 from switchctl.methods.pointwise import PointwiseMinimum
 from switchctl.methods.receding_horizon import RecedingHorizon
+from switchctl.methods.refine import Refine
 from switchctl.methods.rollout import Rollout
 
 __all__ = [
     "Constant",
+    "FewSwitches",
     "Method",
     "PointwiseMinimum",
     "RecedingHorizon",
+    "Refine",
     "Rollout",
     "Scheduler",
     "best_single_mode",

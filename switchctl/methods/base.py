@@ -3,15 +3,18 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
+from switchctl.continuation import Continuations
 from switchctl.gaussian import Gaussian
+from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, second_moment
+from switchctl.moments import Array, second_moment, svec
 from switchctl.validation import positive_semidefinite, real_array
 
 TIE = 1e-12
@@ -61,20 +64,37 @@ class Scheduler(ABC):
 
     Parameters
     ----------
+    graph : SwitchingGraph or ModeSet
+        The modes to choose from, and the moves that the rules allow.
+
+    Attributes
+    ----------
     modes : ModeSet
-        The modes to choose from. The constructor ends with `reset`.
+        The modes.
+    graph : SwitchingGraph
+        The moves allowed; one node where there are no rules.
+    node : int
+        The node of the graph that the run has come to.
+    lengthened : int
+        Steps added to the hold begun at this sample to meet a stability constraint.
+    statistics : dict
+        What a method that plans reports of its search.
+    interrupted : bool
+        Whether Ctrl-C cut that search short.
     """
 
     lengthened: int = 0
-    """Steps added to the hold begun at this sample to meet a stability constraint."""
+    interrupted: bool = False
 
-    def __init__(self, modes: ModeSet) -> None:
-        self.modes = modes
+    def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
+        self.graph = as_graph(graph)
+        self.modes = self.graph.modes
+        self.statistics: dict[str, Any] = {}
         self.reset()
 
     @abstractmethod
     def decide(self, S: Array) -> int:
-        """Choose the mode for one step.
+        """Choose the mode for one step, among those `allowed`.
 
         Parameters
         ----------
@@ -87,11 +107,51 @@ class Scheduler(ABC):
             Index of the mode.
         """
 
-    def reset(self) -> None:  # noqa: B027  a scheduler without memory has nothing to forget
-        """Forget the past: the next sample is the first."""
+    def reset(self) -> None:
+        """Begin anew: the next sample is the first."""
+        self.node, self.last = 0, -1
+        self.forget()
 
-    def tail(self, S: Array) -> tuple[int, ...] | None:
-        """Name the word of modes that follows a schedule's last step, repeated for ever.
+    def forget(self) -> None:  # noqa: B027  a scheduler without memory has nothing to forget
+        """Forget what the method itself remembers; `reset` calls it."""
+
+    @property
+    def allowed(self) -> NDArray[np.bool_]:
+        """Which modes the rules let the coming step take, shape (m,). After each of them there is a way on."""
+        return self.graph.successor[self.node] >= 0
+
+    @cached_property
+    def continuations(self) -> Continuations:
+        """The ways to go on for ever."""
+        return Continuations(self.graph)
+
+    def choose(self, S: Array) -> int:
+        """Decide, and take the step in the switching graph.
+
+        Parameters
+        ----------
+        S : array, shape (n, n)
+            The current second moment.
+
+        Returns
+        -------
+        int
+            Index of the mode.
+
+        Raises
+        ------
+        ValueError
+            If `decide` chose a mode that the rules don't allow.
+        """
+        mode = self.modes.index(self.decide(S))
+        head = int(self.graph.successor[self.node, mode])
+        if head < 0:
+            raise ValueError(f"{type(self).__name__} chose against the rules: {self.graph.refusal(self.node, mode)}")
+        self.node, self.last = head, mode
+        return mode
+
+    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Name the modes that follow a schedule's last step.
 
         Parameters
         ----------
@@ -100,10 +160,31 @@ class Scheduler(ABC):
 
         Returns
         -------
-        tuple of int, or None
-            None (unless a method knows better) for the last mode, held.
+        lead, word : tuples of int
+            The modes taken once, and those repeated for ever after. Unless a method knows better, the last mode, held;
+            where the rules forbid that, or a running price makes it infinitely expensive, the cheapest way on.
         """
-        return None
+        held = np.isinf(self.graph.holds[self.node, self.last])
+        if held and self.graph.price[self.last] == 0:
+            return (), (self.last,)
+        return self.cheapest_way(S) or (((), (self.last,)) if held else self.graph.wander(self.node))
+
+    def cheapest_way(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+        """The way on that costs least, as `tail` names it; None where none costs finitely much.
+
+        Parameters
+        ----------
+        S : array, shape (n, n)
+            The current second moment.
+
+        Returns
+        -------
+        lead, word : tuples of int, or None
+        """
+        numbers, rows, constants = self.continuations.table(self.node)
+        if not numbers:
+            return None
+        return self.continuations.path(self.node, numbers[least_cost(rows @ svec(S) + constants)])
 
     def step(self, mean: Any, cov: Any = None) -> int:
         """Choose the mode for the coming sample, from the state's mean and covariance; call it once a sample.
@@ -135,20 +216,20 @@ class Scheduler(ABC):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
                 raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
-            return self.modes.index(self.decide(S))
+            return self.choose(S)
 
 
 class Method(ABC):
     """A way to schedule: settings, fixed once made. Methods are interchangeable in `schedule` and `compare`."""
 
     @abstractmethod
-    def start(self, modes: ModeSet) -> Scheduler:
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:
         """Start the running scheduler.
 
         Parameters
         ----------
-        modes : ModeSet
-            The modes to choose from.
+        graph : SwitchingGraph or ModeSet
+            The modes to choose from, with or without rules.
 
         Returns
         -------

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from switchctl.continuation import Nodes, way_to_hold
 from switchctl.gaussian import Gaussian
+from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, check_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
@@ -12,7 +14,7 @@ from switchctl.moments import Array
 
 @dataclass(frozen=True, repr=False)
 class Constant(Method):
-    """Hold one mode for ever.
+    """Hold one mode for ever; under switching rules, as soon as they allow it.
 
     Parameters
     ----------
@@ -32,17 +34,22 @@ class Constant(Method):
         if isinstance(self.mode, Mode):
             object.__setattr__(self, "mode", self.mode.name)
 
-    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
-        return _ConstantScheduler(modes, modes.index(self.mode))
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        mode = graph.modes.index(self.mode)
+        policy, _ = way_to_hold(graph, mode)
+        if policy[0] < 0:
+            raise ValueError(f"mode {graph.modes.names[mode]!r} can't be held for ever under {graph.rules!r}")
+        return _ConstantScheduler(graph, policy)
 
 
 class _ConstantScheduler(Scheduler):
-    def __init__(self, modes: ModeSet, mode: int) -> None:
-        super().__init__(modes)
-        self.mode = mode
+    def __init__(self, graph: SwitchingGraph, policy: Nodes) -> None:
+        super().__init__(graph)
+        self.policy = policy
 
     def decide(self, S: Array) -> int:
-        return self.mode
+        return int(self.policy[self.node])
 
 
 def single_mode_costs(modes: ModeSet, x0: Gaussian) -> Array:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import Method, Scheduler
 from switchctl.methods.receding_horizon import RecedingHorizon
 from switchctl.modes import ModeSet
@@ -22,5 +23,5 @@ class PointwiseMinimum(Method):
     0
     """
 
-    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
-        return RecedingHorizon(horizon=1).start(modes)
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        return RecedingHorizon(horizon=1).start(graph)

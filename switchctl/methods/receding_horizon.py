@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.gramians import horizon_gramians
+from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, Method, Scheduler, least_cost
-from switchctl.methods.constant import require_schur
+from switchctl.methods.horizon_costs import HorizonCosts
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.validation import number, whole_number
 
-_TABLES = 64
 _LONGEST = 100_000  # steps of a lengthened hold
 
 Horizon = int | float | Sequence[int | float] | Callable[[int], int | float]
@@ -101,14 +100,26 @@ class RecedingHorizon(Method):
             return self.horizon[min(j, len(self.horizon) - 1)]
         return self.horizon  # type: ignore[return-value]
 
-    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
-        if self.decrease is not None and not modes.schur.all():
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        if self.decrease is not None:
+            self._check_constraint(graph)
+        return _RecedingHorizonScheduler(graph, self)
+
+    def _check_constraint(self, graph: SwitchingGraph) -> None:
+        modes, needs = graph.modes, f"decrease={self.decrease} needs"
+        if not modes.schur.all():
             name = modes.names[int(np.argmin(modes.schur))]
             raise ValueError(
-                f"decrease={self.decrease} needs every mode to be Schur, and {name!r} has spectral radius "
+                f"{needs} every mode to be Schur, and {name!r} has spectral radius "
                 f"{modes[name].spectral_radius:.6g}; drop that mode, or leave out decrease"
             )
-        return _RecedingHorizonScheduler(modes, self)
+        held = np.isinf(graph.holds).any(axis=1)
+        if not held.all():
+            raise ValueError(
+                f"{needs} a mode that may be held for ever, whatever was done before, and {graph.rules!r} may leave "
+                f"none ({graph.label(int(np.argmin(held)))}); relax them, or leave out decrease"
+            )
 
 
 def _checked(T: int | float, name: str) -> int | float:
@@ -116,79 +127,55 @@ def _checked(T: int | float, name: str) -> int | float:
 
 
 class _RecedingHorizonScheduler(Scheduler):
-    def __init__(self, modes: ModeSet, method: RecedingHorizon) -> None:
+    def __init__(self, graph: SwitchingGraph | ModeSet, method: RecedingHorizon) -> None:
+        super().__init__(graph)
         self.method = method
-        self.tables: dict[int | float, tuple[Array, NDArray[np.bool_] | None]] = {}
         if method.decrease is not None:
-            self.after_hold = np.linalg.matrix_power(modes.A, method.hold)
+            self.after_hold = np.linalg.matrix_power(self.modes.A, method.hold)
             # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
             self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
-        super().__init__(modes)
-        self._table(method.at(0))  # an impossible horizon is refused at the start, not at the first sample
+        self.costs = HorizonCosts(self.continuations, method.hold)
+        self.costs.at(self.node, method.at(0))  # an impossible horizon is refused at the start, not at the first sample
 
-    def reset(self) -> None:
+    def forget(self) -> None:
         self.j = 0  # number of the coming update
-        self.mode = 0
-        self.remaining = 0  # steps until the coming update
+        self.plan: list[int] = []  # the modes until then
         self.last_w2, self.growth = 0.0, 0.0  # W2(t_{j-1}), and how much of it the mode held since may have made
-
-    def _table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
-        """Row i dotted with svec(S) is the cost of mode i over the horizon; which rows are finite."""
-        if T not in self.tables:
-            if len(self.tables) == _TABLES:  # a horizon that keeps changing must not fill the memory
-                self.tables.clear()
-            self.tables[T] = self._new_table(T)
-        return self.tables[T]
-
-    def _new_table(self, T: int | float) -> tuple[Array, NDArray[np.bool_] | None]:
-        modes = self.modes
-        if T == math.inf:
-            require_schur(modes, "an infinite horizon")
-            identity = np.eye(modes.A.shape[-1])
-            return svec(np.stack([identity if P is None else P for P in modes.tails])), modes.schur
-        with np.errstate(over="ignore", invalid="ignore"):
-            gramians = horizon_gramians(modes.A, modes.Q, int(T))
-        for name, gramian in zip(modes.names, gramians, strict=True):
-            if not np.isfinite(gramian).all():
-                raise ValueError(
-                    f"the cost of mode {name!r} over a horizon of {T} steps exceeds the floating-point range "
-                    f"(spectral radius {modes[name].spectral_radius:.6g}); choose a shorter horizon"
-                )
-        return svec(gramians), None
 
     def decide(self, S: Array) -> int:
         self.lengthened = 0
-        if self.remaining == 0:
+        if not self.plan:
             self._update(S)
-        self.remaining -= 1
-        return self.mode
+        return self.plan.pop(0)
 
     def _update(self, S: Array) -> None:
-        table, allowed = self._table(self.method.at(self.j))
-        hold = self.method.hold
-        if self.method.decrease is not None:
+        candidates = self.costs.at(self.node, self.method.at(self.j))
+        costs = candidates.rows @ svec(S) + candidates.constants
+        if self.method.decrease is None:
+            self.plan = list(candidates.plans[least_cost(costs)])
+        else:
             w2 = float(np.trace(S))
             # More than the held mode can have made of W2(t_{j-1}) is a disturbance: W2(t_j) is then a new W2(t_0).
             past = self.last_w2 if w2 <= self.growth * self.last_w2 else w2
-            allowed, hold = self._stabilising(S, (1 - self.method.decrease) * past)
-        self.mode = least_cost(table @ svec(S), allowed)
-        if self.method.decrease is not None:
+            modes = [plan[0] for plan in candidates.plans]
+            longest = np.zeros(len(self.modes))
+            longest[modes] = self.graph.holds[self.node, modes]
+            allowed, hold = self._stabilising(S, (1 - self.method.decrease) * past, longest)
+            mode = modes[least_cost(costs, allowed[modes])]
             held = (
-                self.after_hold[self.mode]
-                if hold == self.method.hold
-                else np.linalg.matrix_power(self.modes.A[self.mode], hold)
+                self.after_hold[mode] if hold == self.method.hold else np.linalg.matrix_power(self.modes.A[mode], hold)
             )
             self.last_w2, self.growth = w2, float(np.linalg.norm(held, 2)) ** 2 * (1 + 1e-9)
-        self.lengthened = hold - self.method.hold
-        self.remaining = hold
+            self.lengthened = hold - self.method.hold
+            self.plan = [mode] * hold
         self.j += 1
 
-    def _stabilising(self, S: Array, bound: float) -> tuple[NDArray[np.bool_], int]:
+    def _stabilising(self, S: Array, bound: float, longest: Array) -> tuple[NDArray[np.bool_], int]:
         """The modes with ``W2(t_{j+1}) <= bound``, and the shortest hold from the usual on that has any."""
         hold = self.method.hold
         # Rounding never decides; and below the smallest normal number a moment may stick.
         bound = max(bound * (1 + TIE), np.finfo(float).tiny)
-        allowed = self.w2_after_hold @ svec(S) <= bound
+        allowed = (self.w2_after_hold @ svec(S) <= bound) & (longest >= hold)
         if allowed.any():
             return allowed, hold
         A, moments = self.modes.A, self.after_hold @ S @ np.swapaxes(self.after_hold, -1, -2)
@@ -203,5 +190,5 @@ class _RecedingHorizonScheduler(Scheduler):
             w2 = np.trace(moments, axis1=-2, axis2=-1)
             if not np.isfinite(w2).all():
                 raise FloatingPointError("W2 exceeds the floating-point range in a lengthened hold; scale the state")
-            allowed = w2 <= bound
+            allowed = (w2 <= bound) & (longest >= hold)
         return allowed, hold

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, least_cost
 from switchctl.methods.constant import require_schur
 from switchctl.modes import ModeSet
@@ -33,23 +34,36 @@ class Rollout(Method):
     (1, 0)
     """
 
-    def start(self, modes: ModeSet) -> Scheduler:  # noqa: D102
-        require_schur(modes, "Rollout")
-        return _RolloutScheduler(modes)
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        require_schur(graph.modes, "Rollout")
+        return _RolloutScheduler(graph)
 
 
 class _RolloutScheduler(Scheduler):
-    def __init__(self, modes: ModeSet) -> None:
-        super().__init__(modes)
-        self.tail_modes = np.flatnonzero(modes.schur)
-        tails = np.stack([P for P in modes.tails if P is not None])
-        A = modes.A[:, None]
-        one_step = modes.Q[:, None] + np.swapaxes(A, -1, -2) @ tails @ A  # (i, q): Q_i + A_i' P_q A_i
-        self.table = svec(one_step).reshape(-1, svec(tails).shape[-1])
-        self.tail_table = svec(tails)
+    def __init__(self, graph: SwitchingGraph) -> None:
+        super().__init__(graph)
+        self.tables: dict[int, tuple[list[int], Array, Array]] = {}
+        self._table()
+
+    def _table(self) -> tuple[list[int], Array, Array]:
+        """Each mode allowed followed by each way on: the mode, and the cost as a row for svec(S) and a constant."""
+        if self.node not in self.tables:
+            ways, moves, values = self.continuations, [], []
+            for i in np.flatnonzero(self.allowed).tolist():
+                head = int(self.graph.successor[self.node, i])
+                for number in ways.table(head)[0]:
+                    moves.append(i)
+                    values.append(ways.before(self.node, i, ways.value(head, number)))
+            if not values:
+                raise ValueError(f"Rollout needs a way to go on at finite cost, and {self.graph.rules!r} leave none")
+            rows = svec(np.stack([value.P for value in values]))
+            self.tables[self.node] = moves, rows, np.array([value.constant for value in values])
+        return self.tables[self.node]
 
     def decide(self, S: Array) -> int:
-        return least_cost(self.table @ svec(S)) // len(self.tail_modes)
+        moves, rows, constants = self._table()
+        return moves[least_cost(rows @ svec(S) + constants)]
 
-    def tail(self, S: Array) -> tuple[int, ...]:
-        return (int(self.tail_modes[least_cost(self.tail_table @ svec(S))]),)
+    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return self.cheapest_way(S) or super().tail(S)

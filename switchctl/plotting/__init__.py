@@ -3,7 +3,8 @@
 All take python-control's ``ax``, ``title`` and ``legend_loc`` (False for no legend).
 """
 
+from switchctl.plotting.graphs import plot_graph
 from switchctl.plotting.maps import plot_area, plot_ellipses, plot_sweep
 from switchctl.plotting.signals import plot_schematic, plot_switching, plot_w2
 
-__all__ = ["plot_area", "plot_ellipses", "plot_schematic", "plot_sweep", "plot_switching", "plot_w2"]
+__all__ = ["plot_area", "plot_ellipses", "plot_graph", "plot_schematic", "plot_sweep", "plot_switching", "plot_w2"]

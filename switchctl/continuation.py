@@ -1,0 +1,186 @@
+"""Ways for a run to go on for ever from every node of a switching graph, and what they cost.
+
+For each mode that may be held for ever: the shortest way to a node where it may be, and then that mode. Where no such
+way costs finitely much: the shortest cycles of the graph instead.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from switchctl.gramians import transform, word_tail
+from switchctl.graph import SwitchingGraph
+from switchctl.moments import Array, svec
+
+_CYCLES = 32
+
+Nodes = NDArray[np.intp]
+
+
+class Value(NamedTuple):
+    """A cost as a functional of the second moment, ``dk * (tr(P S) + constant)``."""
+
+    P: Array
+    constant: float
+
+
+class Way(NamedTuple):
+    """One way on: the mode it takes next from each node (-1: it doesn't lead there), and its end.
+
+    From the nodes of ``ends`` it repeats a word for ever, which costs P; None where that is not finite.
+    """
+
+    policy: Nodes
+    ends: NDArray[np.bool_]
+    P: Array | None
+
+
+class Continuations:
+    """The ways on from each node of a switching graph, and their costs.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The graph.
+    """
+
+    def __init__(self, graph: SwitchingGraph) -> None:
+        self.graph = graph
+        self._values: dict[tuple[int, int], Value] = {}
+        self._tables: dict[int, tuple[list[int], Array, Array]] = {}
+        self.ways = self._holding()
+        self.finite = self._finite()
+        if not self.finite[:, 0].any():
+            self.ways += self._cycling()
+            self.finite = self._finite()
+
+    def _finite(self) -> NDArray[np.bool_]:
+        """Which ways lead on at finite cost, shape (ways, nodes)."""
+        defined = [way.policy >= 0 if way.P is not None else np.zeros(len(self.graph), bool) for way in self.ways]
+        return np.array(defined).reshape(-1, len(self.graph))
+
+    def _holding(self) -> list[Way]:
+        graph = self.graph
+        ways: list[Way] = []
+        for mode in range(len(graph.modes)):
+            policy, ends = way_to_hold(graph, mode)
+            if ends.any():
+                ways.append(Way(policy, ends, graph.modes.tails[mode] if graph.price[mode] == 0 else None))
+        return ways
+
+    def _cycling(self) -> list[Way]:
+        """The shortest cycles through some nodes, evenly spread."""
+        graph = self.graph
+        ways: list[Way] = []
+        V = len(graph)
+        for u in np.unique(np.linspace(0, V - 1, min(V, _CYCLES)).astype(int)).tolist():
+            ends = np.arange(V) == u
+            policy, distance = _towards(graph, ends)
+            there = np.where(graph.successor[u] >= 0, distance[graph.successor[u]], np.inf)
+            if np.isinf(there).all():
+                continue
+            policy[u] = there.argmin()
+            nodes, modes = self._cycle(policy, u)
+            steps = [self._step(v, i) for v, i in zip(nodes, modes, strict=True)]
+            free = all(step.constant == 0 for step in steps)
+            weights = np.stack([step.P for step in steps])
+            P = word_tail(graph.modes.A[modes], weights, tuple(range(len(modes)))) if free else None
+            if P is not None:
+                self._values[len(self.ways) + len(ways), u] = Value(P, 0.0)
+            ways.append(Way(policy, ends, P))
+        return ways
+
+    def _cycle(self, policy: Nodes, u: int) -> tuple[list[int], list[int]]:
+        nodes, modes, v = [u], [int(policy[u])], int(self.graph.successor[u, policy[u]])
+        while v != u:
+            nodes.append(v)
+            modes.append(int(policy[v]))
+            v = int(self.graph.successor[v, policy[v]])
+        return nodes, modes
+
+    def _step(self, v: int, mode: int) -> Value:
+        """What one step costs."""
+        return switched(self.graph, v, mode, Value(self.graph.modes.Q[mode], self.graph.price[mode]))
+
+    def before(self, v: int, mode: int, value: Value) -> Value:
+        """What a step in a mode from a node and then a way of known value cost."""
+        step = self._step(v, mode)
+        return Value(step.P + transform(self.graph.modes.A[mode], value.P), step.constant + value.constant)
+
+    def value(self, v: int, number: int) -> Value:
+        """What a way (by its number) that is finite there costs from a node."""
+        way, path = self.ways[number], []
+        while (number, v) not in self._values and not way.ends[v]:
+            path.append(v)
+            v = int(self.graph.successor[v, way.policy[v]])
+        if (number, v) not in self._values:
+            assert way.P is not None
+            self._values[number, v] = switched(self.graph, v, int(way.policy[v]), Value(way.P, 0.0))
+        value = self._values[number, v]
+        for v in reversed(path):
+            value = self._values[number, v] = self.before(v, int(way.policy[v]), value)
+        return value
+
+    def table(self, v: int) -> tuple[list[int], Array, Array]:
+        """The finite ways from a node: their numbers, and their costs as rows for ``svec(S)`` and constants."""
+        if v not in self._tables:
+            numbers = np.flatnonzero(self.finite[:, v]).tolist()
+            values = [self.value(v, number) for number in numbers]
+            n = self.graph.modes.A.shape[-1]
+            P = np.array([value.P for value in values]).reshape(-1, n, n)
+            self._tables[v] = numbers, svec(P), np.array([value.constant for value in values])
+        return self._tables[v]
+
+    def path(self, v: int, number: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The modes of a way from a node: those taken once, and the word repeated for ever after."""
+        way = self.ways[number]
+        seen: dict[int, int] = {}
+        modes: list[int] = []
+        while v not in seen:
+            seen[v] = len(modes)
+            modes.append(int(way.policy[v]))
+            v = int(self.graph.successor[v, way.policy[v]])
+        return shortest(tuple(modes[: seen[v]]), tuple(modes[seen[v] :]))
+
+
+def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:
+    """Add to the value of what begins with a mode the cost of switching to it at a node."""
+    before, dk = graph.last_mode[v], graph.modes.dk
+    fixed, by_w2 = graph.switch_cost[before, mode] / dk, graph.switch_cost_per_w2[before, mode] / dk
+    return Value(value.P + by_w2 * np.eye(len(value.P)) if by_w2 else value.P, float(value.constant + fixed))
+
+
+def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The same modes, a lead and a word repeated for ever, told as briefly as can be."""
+    for period in range(1, len(word) + 1):
+        if len(word) % period == 0 and word == word[:period] * (len(word) // period):
+            word = word[:period]
+            break
+    while lead and lead[-1] == word[-1]:
+        lead, word = lead[:-1], word[-1:] + word[:-1]
+    return lead, word
+
+
+def way_to_hold(graph: SwitchingGraph, mode: int) -> tuple[Nodes, NDArray[np.bool_]]:
+    """The shortest way to where a mode may be held for ever, and its hold: by node; and where it may be held."""
+    ends = np.isinf(graph.holds[:, mode])
+    policy = _towards(graph, ends)[0]
+    policy[ends] = mode
+    return policy, ends
+
+
+def _towards(graph: SwitchingGraph, ends: NDArray[np.bool_]) -> tuple[Nodes, Array]:
+    """The first mode of the shortest way to some nodes (of several the first), and its steps, from each node."""
+    successor = graph.successor
+    V = len(successor)
+    tails, modes = np.nonzero(successor >= 0)
+    sources = np.flatnonzero(ends)
+    heads = np.concatenate([successor[tails, modes], np.full(len(sources), V)])  # node V stands behind all ends
+    moves = csr_array((np.ones(len(heads)), (heads, np.concatenate([tails, sources]))), shape=(V + 1, V + 1))
+    steps = dijkstra(moves, indices=V, unweighted=True)  # type: ignore[call-overload]
+    distance = np.concatenate([steps[:V] - 1, [np.inf]])
+    closer = (distance[successor] == distance[:V, None] - 1) & np.isfinite(distance[:V, None])
+    return np.where(closer.any(axis=1), closer.argmax(axis=1), -1), distance[:V]

@@ -1,0 +1,240 @@
+"""The optimum with few switches: all instants and modes, compared at once."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.lower_bounds import lower_bounds
+from switchctl.methods.orbits import Orbit, held_nodes, periods
+from switchctl.methods.planning import Plan, PlanningScheduler
+from switchctl.methods.prediction import CEILING
+from switchctl.modes import ModeSet
+from switchctl.moments import Array, moment_maps, svec
+from switchctl.validation import whole_number
+
+_CHUNK = 256
+_NEGLIGIBLE = 1e-13
+
+
+@dataclass(frozen=True, repr=False)
+class FewSwitches(Method):
+    """The schedule of least cost among those with at most so many switches, which end in one mode for ever.
+
+    Instants and modes are free. With prefix moments ``S_k`` of the first block and suffix costs
+    ``X_jl(t) = sum_{s<t} A_j'^s Q_j A_j^s + A_j'^t P_l A_j^t`` of a second block of t steps and a last mode, a
+    schedule with two switches costs ``c_k + tr(X_jl(t) S_k)``: all instants are one matrix product. With more
+    switches, the first blocks are branched over, and a branch is cut where its cost and a lower bound of what follows
+    exceed the best known.
+
+    It plans at its first sample, and doesn't look at later ones.
+
+    Parameters
+    ----------
+    max_switches : int
+        The most switches; ``Rules(max_switches=..)`` may allow fewer. Each beyond two multiplies the work by the number
+        of instants worth trying, often a few hundred.
+
+    Raises
+    ------
+    ValueError
+        If max_switches is negative; from `start` and `schedule`, if no mode can be held for ever at finite cost
+        within so many switches.
+
+    Notes
+    -----
+    An instant is left out only where what follows it is below 1e-13 of the cost, where the cost has passed the best
+    known, or after 100,000 steps of one mode.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), FewSwitches(1)).switches
+    (Switch(step=7, before=1, after=0),)
+    """
+
+    max_switches: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "max_switches", whole_number(self.max_switches, "max_switches", 0))
+
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        return _FewSwitchesScheduler(as_graph(graph), self.max_switches)
+
+
+class _Block(NamedTuple):
+    """A mode held from a node: the nodes, moments and costs so far after k = 0, 1, .. steps."""
+
+    mode: int
+    nodes: NDArray[np.intp]
+    moments: Array
+    costs: Array
+
+
+class _FewSwitchesScheduler(PlanningScheduler):
+    """All costs are per dk."""
+
+    def __init__(self, graph: SwitchingGraph, max_switches: int) -> None:
+        super().__init__(graph)
+        self.max_switches = max_switches
+        modes, n = self.modes, self.modes.A.shape[-1]
+        self.orbits = [Orbit(K) for K in moment_maps(modes.A)]
+        self.stages, self.identity = svec(modes.Q), svec(np.eye(n))
+        self.tails = svec(np.stack([np.zeros((n, n)) if P is None else P for P in modes.tails]))
+        final = [P is not None and graph.price[i] == 0 for i, P in enumerate(modes.tails)]
+        self.final = np.isinf(graph.holds) & final  # which mode may be held for ever at finite cost from a node
+        self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
+        self.bounds, self.periods = lower_bounds(modes.A, modes.Q), periods(graph)
+        self.suffixes: dict[tuple[int, int], Array] = {}
+        if fewest_switches(graph, self.final) > max_switches:
+            raise ValueError(
+                f"FewSwitches({max_switches}) ends in a mode held for ever at finite cost, and {graph.rules!r} and the "
+                f"modes leave none after at most {max_switches} switches"
+            )
+
+    def search(self, S: Array) -> Plan:
+        self.best, self.compared = np.inf, 0
+        self.blocks: list[tuple[int, int]] = []  # modes and steps, the last one for ever
+        graph, s, before = self.graph, svec(S), start_mode(self.graph)
+        firsts = np.flatnonzero(graph.successor[0] >= 0).tolist()
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                for switches in range(self.max_switches + 1):  # the best with fewer cuts branches of the next round
+                    for i in firsts:
+                        left = switches - (before >= 0 and i != before)
+                        if left >= 0:
+                            self._explore(0, i, s, self._switch(graph.last_mode[0], i, s), left, ())
+        except KeyboardInterrupt:
+            if not self.blocks:
+                raise
+            self.interrupted = True
+        self.statistics = {"schedules compared": self.compared}
+        return tuple(mode for mode, steps in self.blocks for _ in range(steps)), (self.blocks[-1][0],)
+
+    def _switch(self, before: int, mode: int, s: Array) -> Any:
+        """Cost of a switch at one moment, or at each of several."""
+        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
+
+    def _offer(self, costs: Array) -> int | None:
+        """Compare schedules, those not allowed at inf, with the best known: the place of a better one, if any."""
+        self.compared += int(np.isfinite(costs).sum())
+        place = int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
+        if place is None or not costs.flat[place] < self.best * (1 - TIE):
+            return None
+        self.best = float(costs.flat[place])
+        return place
+
+    def _worth(self, costs: Array, moments: Array) -> NDArray[np.bool_]:
+        """Which prefixes may lead to something better than the best known."""
+        return costs + (moments @ self.bounds.T).max(axis=1) < self.best
+
+    def _explore(self, node: int, i: int, s: Array, cost: float, left: int, past: Any) -> None:
+        """All schedules that go on with mode i and have so many switches left."""
+        if self.final[node, i] and self._offer(np.array([cost + self.tails[i] @ s])) is not None:
+            self.blocks = [*past, (i, 0)]
+        if left == 0:
+            return
+        block = self._hold(node, i, s, cost)
+        others = [j for j in range(len(self.modes)) if j != i]
+        steps = np.arange(1, len(block.costs))
+        for j in others:
+            moments, nodes = block.moments[1:], block.nodes[1:]
+            costs = block.costs[1:] + self._switch(i, j, moments)
+            ends = np.where(self.final[nodes, j], costs + moments @ self.tails[j], np.inf)
+            if (k := self._offer(ends)) is not None:
+                self.blocks = [*past, (i, k + 1), (j, 0)]
+            going = (self.graph.successor[nodes, j] >= 0) & self._worth(costs, moments)
+            if left == 2:
+                self._two_blocks(i, j, steps[going], nodes[going], moments[going], costs[going], past)
+            elif left > 2:
+                for k in tqdm(np.flatnonzero(going), desc="few switches", unit="instant", delay=2, leave=False):
+                    if self._worth(costs[k : k + 1], moments[k : k + 1])[0]:
+                        self._explore(int(nodes[k]), j, moments[k], costs[k], left - 1, (*past, (i, int(k) + 1)))
+
+    def _hold(self, node: int, i: int, s: Array, cost: float) -> _Block:
+        """A mode held for as long as a switch may be worth while."""
+        length = _CHUNK
+        while True:
+            nodes = held_nodes(self.graph, node, i, length)
+            moments = self.orbits[i].from_(s, len(nodes) - 1)
+            stage = moments[:-1] @ self.stages[i] + self.graph.price[i]
+            costs = np.concatenate([[0.0], np.cumsum(stage)]) + cost
+            finite = np.isfinite(costs) & np.isfinite(moments).all(axis=1)
+            over = ~finite | ~self._worth(np.where(finite, costs, np.inf), np.where(finite[:, None], moments, 0.0))
+            # Held for ever, it costs as much as whatever comes when nothing is left; but a rule may open a way later.
+            gone = (
+                self.final[nodes, i] & (moments @ self.tails[i] <= _NEGLIGIBLE * costs) & (self.periods[nodes, i] > 0)
+            )
+            ends = [int(over.argmax())] if over.any() else []
+            if gone.any():
+                ends.append(int(gone.argmax() + self.periods[nodes, i][gone.argmax()]))
+            end = min(ends, default=len(costs))
+            if end < len(costs) or len(nodes) <= length or length >= CEILING:
+                return _Block(i, nodes[:end], moments[:end], costs[:end])
+            length *= 4
+
+    def _suffix(self, j: int, last: int) -> Array:
+        """Rows for ``svec(S)``: mode j for t = 1 .. steps and then the last mode for ever, apart from constants."""
+        if (j, last) not in self.suffixes:
+            d = len(self.identity)
+            affine = np.zeros((d + 1, d + 1))
+            affine[:d, :d], affine[:d, d], affine[d, d] = self.orbits[j].square(0).T, self.stages[j], 1.0
+            end = np.zeros(d) if last < 0 else self.tails[last] + self.by_w2[j, last] * self.identity
+            self.suffixes[j, last] = Orbit(affine).from_(np.append(end, 1.0), _CHUNK)[1:, :d]
+        return self.suffixes[j, last]
+
+    def _two_blocks(
+        self, i: int, j: int, first: NDArray[np.intp], nodes: NDArray[np.intp], moments: Array, costs: Array, past: Any
+    ) -> None:
+        """Mode i for ``first`` steps, j for t steps, each last mode for ever: every pair of instants at once."""
+        graph, t = self.graph, np.arange(1, _CHUNK + 1)
+        lasts = [last for last in range(len(self.modes)) if last != j]
+        done, idle = 0, np.zeros(len(first), dtype=np.intp)
+        while len(first) and done < CEILING:
+            after = np.empty((len(first), _CHUNK), dtype=np.intp)  # the node after t steps of j; -1 where there is none
+            for step in range(_CHUNK):
+                nodes = after[:, step] = np.where(nodes >= 0, graph.successor[nodes, j], -1)
+            for last in lasts:
+                allowed = (after >= 0) & self.final[after, last]
+                if allowed.any():
+                    constants = t * graph.price[j] + self.fixed[j, last]
+                    ends = moments @ self._suffix(j, last).T + constants + costs[:, None]
+                    if (place := self._offer(np.where(allowed, ends, np.inf))) is not None:
+                        row, column = divmod(place, _CHUNK)
+                        self.blocks = [*past, (i, int(first[row])), (j, done + column + 1), (last, 0)]
+            done += _CHUNK
+            costs = costs + moments @ self._suffix(j, -1)[-1] + _CHUNK * graph.price[j]
+            moments = moments @ self.orbits[j].square(_CHUNK.bit_length() - 1).T
+            settled = (
+                self.final[nodes, j] & (moments @ self.tails[j] <= _NEGLIGIBLE * costs) & (self.periods[nodes, j] > 0)
+            )
+            going = (nodes >= 0) & np.isfinite(costs) & (~settled | (idle < self.periods[nodes, j]))
+            idle = np.where(settled, idle + _CHUNK, 0)
+            going[going] &= self._worth(costs[going], moments[going])
+            first, nodes, moments, costs, idle = first[going], nodes[going], moments[going], costs[going], idle[going]
+
+
+def start_mode(graph: SwitchingGraph) -> int:
+    """The mode before the first step; -1 for none."""
+    return -1 if graph.rules.start is None else graph.modes.index(graph.rules.start[0])
+
+
+def fewest_switches(graph: SwitchingGraph, final: NDArray[np.bool_]) -> float:
+    """The fewest switches after which a final mode can be held."""
+    first = (0, start_mode(graph))
+    switches, queue = {first: 0}, deque([first])
+    while queue:
+        node, before = queue.popleft()
+        for mode in np.flatnonzero(graph.successor[node] >= 0).tolist():
+            so_far = switches[node, before] + int(before >= 0 and mode != before)
+            head = (int(graph.successor[node, mode]), mode)
+            if so_far < switches.get(head, np.inf):
+                switches[head] = so_far
+                (queue.appendleft if mode == before else queue.append)(head)
+    ends = (count + int(b >= 0 and not final[v, b]) for (v, b), count in switches.items() if final[v].any())
+    return min(ends, default=np.inf)

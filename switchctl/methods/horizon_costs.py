@@ -1,0 +1,106 @@
+"""What each mode costs over a horizon, from a node of the switching graph."""
+
+import math
+from itertools import chain, cycle, islice
+from typing import NamedTuple
+
+import numpy as np
+
+from switchctl.continuation import Continuations, Value, switched
+from switchctl.gramians import horizon_gramians, transform
+from switchctl.methods.constant import require_schur
+from switchctl.moments import Array, svec
+
+_TABLES = 1024
+
+
+class Candidates(NamedTuple):
+    """What an update may choose from: row r dotted with svec(S), plus its constant, is what plan r costs.
+
+    A plan is the modes until the next update; it is shorter than a hold where the rules end it sooner.
+    """
+
+    rows: Array
+    constants: Array
+    plans: list[list[int]]
+
+
+class HorizonCosts:
+    """The candidates of a receding horizon, by node and horizon.
+
+    Parameters
+    ----------
+    continuations : Continuations
+        The graph, and the ways to go on for ever in it.
+    hold : int
+        Steps between updates.
+    """
+
+    def __init__(self, continuations: Continuations, hold: int) -> None:
+        self.continuations, self.graph, self.hold = continuations, continuations.graph, hold
+        self.gramians: dict[int, Array] = {}
+        self.candidates: dict[tuple[int, int | float], Candidates] = {}
+
+    def at(self, node: int, T: int | float) -> Candidates:
+        """The candidates at a node for the horizon T."""
+        if (node, T) not in self.candidates:
+            if len(self.candidates) == _TABLES:  # a horizon that keeps changing must not fill the memory
+                self.candidates.clear()
+                self.gramians.clear()
+            self.candidates[node, T] = self._for_ever(node) if T == math.inf else self._over(node, int(T))
+        return self.candidates[node, T]
+
+    def _for_ever(self, node: int) -> Candidates:
+        """Every way to go on at finite cost."""
+        require_schur(self.graph.modes, "an infinite horizon")
+        numbers, rows, constants = self.continuations.table(node)
+        if not numbers:
+            raise ValueError(
+                f"an infinite horizon needs a way to go on at finite cost, and {self.graph.rules!r} leave none"
+            )
+        paths = (self.continuations.path(node, number) for number in numbers)
+        return Candidates(rows, constants, [list(islice(chain(lead, cycle(word)), self.hold)) for lead, word in paths])
+
+    def _over(self, node: int, T: int) -> Candidates:
+        """Every mode held over ``k = 0 .. T``, or as long as the rules allow and then another that they allow."""
+        graph, A = self.graph, self.graph.modes.A
+        values, plans = [], []
+        for i in self._moves(node):
+            longest = graph.holds[node, i]
+            h = int(min(longest, T + 1))
+            if longest >= T + 1:
+                values.append(switched(graph, node, i, self._held(i, h)))
+                plans.append([i] * int(min(longest, self.hold)))
+                continue
+            then, power = int(graph.walk([i] * h, node)[-1]), np.linalg.matrix_power(A[i], h)
+            for j in self._moves(then):
+                rest, first = switched(graph, then, j, self._held(j, T + 1 - h)), self._held(i, h)
+                both = Value(first.P + transform(power, rest.P), first.constant + rest.constant)
+                values.append(switched(graph, node, i, both))
+                plans.append(([i] * h + [j] * int(min(graph.holds[then, j], self.hold)))[: self.hold])
+        rows = svec(np.stack([value.P for value in values]))
+        return Candidates(rows, np.array([value.constant for value in values]), plans)
+
+    def _moves(self, node: int) -> list[int]:
+        """The modes allowed; where there is a way on at finite cost, those that keep one."""
+        heads = self.graph.successor[node]
+        if len(self.graph) > 1:
+            lasting = (heads >= 0) & self.continuations.finite[:, heads].any(axis=0)
+            if lasting.any():
+                return np.flatnonzero(lasting).tolist()
+        return np.flatnonzero(heads >= 0).tolist()
+
+    def _held(self, mode: int, steps: int) -> Value:
+        """What a mode costs over some steps."""
+        if steps not in self.gramians:
+            modes = self.graph.modes
+            with np.errstate(over="ignore", invalid="ignore"):
+                self.gramians[steps] = horizon_gramians(modes.A, modes.Q, steps - 1)
+        P = self.gramians[steps][mode]
+        if not np.isfinite(P).all():
+            modes = self.graph.modes
+            raise ValueError(
+                f"the cost of mode {modes.names[mode]!r} over a horizon of {steps - 1} steps exceeds the "
+                f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter horizon"
+            )
+        return Value(P, steps * float(self.graph.price[mode]))

@@ -1,0 +1,61 @@
+"""One mode held: its moments, costs and nodes step after step."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from switchctl.graph import SwitchingGraph
+from switchctl.moments import Array
+
+
+class Orbit:
+    """The powers of a matrix on a vector, by doubling: ``M^k x`` for k = 0 .. steps.
+
+    Parameters
+    ----------
+    M : array, shape (d, d)
+        The matrix.
+    """
+
+    def __init__(self, M: Array) -> None:
+        self.squares = [M]
+
+    def square(self, j: int) -> Array:
+        """``M^(2^j)``."""
+        while len(self.squares) <= j:
+            self.squares.append(self.squares[-1] @ self.squares[-1])
+        return self.squares[j]
+
+    def from_(self, x: Array, steps: int) -> Array:
+        """The rows ``M^k x``, shape (steps + 1, d)."""
+        rows = x[None]
+        for j in range(int(steps).bit_length()):
+            rows = np.concatenate([rows, rows @ self.square(j).T])
+        return rows[: steps + 1]
+
+
+def held_nodes(graph: SwitchingGraph, node: int, mode: int, steps: int) -> NDArray[np.intp]:
+    """The nodes while a mode is held, for so many steps at most: fewer where the rules end it."""
+    if len(graph) == 1:
+        return np.zeros(steps + 1, dtype=np.intp)
+    nodes, successor = [node], graph.successor[:, mode]
+    while len(nodes) <= steps and (node := int(successor[node])) >= 0:
+        nodes.append(node)
+    return np.array(nodes, dtype=np.intp)
+
+
+def periods(graph: SwitchingGraph) -> NDArray[np.intp]:
+    """After how many steps of a mode the run is back in a node, shape (nodes, m); 0 for never."""
+    V, m = graph.successor.shape
+    found = np.zeros((V, m), dtype=np.intp)
+    for mode, successor in enumerate(graph.successor.T.tolist()):
+        visit = [-1] * V  # the first node of the walk that came by
+        for first in range(V):
+            v, walk = first, []
+            while v >= 0 and visit[v] < 0:
+                visit[v] = first
+                walk.append(v)
+                v = successor[v]
+            if v >= 0 and visit[v] == first:
+                cycle = walk[walk.index(v) :]
+                found[cycle, mode] = len(cycle)
+    return found

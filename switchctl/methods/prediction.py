@@ -1,0 +1,86 @@
+"""A running scheduler fed with the moments it predicts itself."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from switchctl.methods.base import Scheduler
+from switchctl.moments import Array
+
+CONVERGED = 1e-12
+"""Without a number of steps, a prediction ends when W2 has fallen to this fraction of its start .."""
+CEILING = 100_000
+""".. or after this many steps, or when W2 has grown to 1 / CONVERGED of its start."""
+INTERRUPTED = "interrupted"
+"""The status of what Ctrl-C cut short."""
+
+
+class Prediction(NamedTuple):
+    """The mode of each step, the holds lengthened, the moment factor after the last step, and why it ends there."""
+
+    sequence: list[int]
+    lengthened: list[tuple[int, int]]
+    F: Array
+    status: str
+
+
+def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
+    """Run a scheduler along the predicted moments.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        A scheduler at its first sample.
+    F : array, shape (n, n + 1)
+        The initial moment factor.
+    steps : int, optional
+        Number of steps; until convergence by default.
+
+    Returns
+    -------
+    Prediction
+        Interrupted by Ctrl-C, the steps decided so far.
+
+    Raises
+    ------
+    ValueError
+        If W2 leaves the floating-point range.
+    """
+    sequence: list[int] = []
+    lengthened: list[tuple[int, int]] = []
+    start = np.vdot(F, F)
+    status = "number of steps reached" if steps is not None else "ceiling of steps reached"
+    try:
+        for k in _counted(CEILING if steps is None else steps):
+            with np.errstate(over="ignore", invalid="ignore"):
+                mode = scheduler.choose(F @ F.T)
+            if scheduler.lengthened:
+                lengthened.append((k, scheduler.lengthened))
+            sequence.append(mode)
+            with np.errstate(over="ignore"):
+                F = scheduler.modes.A[mode] @ F
+                w2 = np.vdot(F, F)
+            if not np.isfinite(w2):
+                raise ValueError(
+                    f"W2 exceeds the floating-point range after step {k}; ask for at most {k} steps, or use a method "
+                    "that keeps the state bounded"
+                )
+            if steps is None and w2 <= CONVERGED * start:
+                status = "converged"
+                break
+            if steps is None and w2 >= start / CONVERGED:
+                status = "diverged"
+                break
+    except KeyboardInterrupt:
+        if not sequence:
+            raise
+        status = INTERRUPTED
+    return Prediction(sequence, lengthened, F, status)
+
+
+def _counted(steps: int) -> Iterator[int]:
+    """The steps, with a progress bar from the second on: the first may be a long search with a bar of its own."""
+    yield 0
+    yield from tqdm(range(1, steps), "schedule", steps, initial=1, unit="step", delay=2, leave=False)

@@ -1,0 +1,217 @@
+"""Local search: any method's schedule made better, step by step and block by block."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.planning import Plan, PlanningScheduler
+from switchctl.methods.prediction import predict
+from switchctl.methods.rollout import Rollout
+from switchctl.modes import ModeSet
+from switchctl.moments import Array, moment_factor, moment_maps, svec
+from switchctl.tail_costs import word_costs
+
+_WORTH = 1e-9  # a move must gain this fraction of the cost ..
+_POSITIONS = 1500  # .. and is looked for at so many instants at most
+_BLOCKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # lengths of the blocks tried, with the least dwell times
+
+
+@dataclass(frozen=True, repr=False)
+class Refine(Method):
+    """Improve another method's schedule by local search, under the same rules.
+
+    In turns, until neither helps: *sweeps*, a backward pass of costs-to-go and a forward pass that chooses each mode
+    anew against them, as long as one gains; and the best *move*: the schedule up to some step, a block of one mode,
+    and the schedule again from some step on, which shifts a switch, inserts, removes or shortens whole blocks. Every
+    cost is that of a complete schedule, to the end of time, so it never increases.
+
+    It plans at its first sample, and doesn't look at later ones.
+
+    Parameters
+    ----------
+    base : Method, optional
+        Where to start; `Rollout` by default.
+
+    Raises
+    ------
+    TypeError
+        If base is not a method.
+    ValueError
+        When running, if base's schedule costs infinitely much.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+    >>> print(*(round(schedule(modes, x0, method).cost, 4) for method in (Constant("fast"), Refine(Constant("fast")))))
+    104.93 14.4326
+    """
+
+    base: Method = Rollout()  # noqa: RUF009  immutable
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.base, Method):
+            raise TypeError(f"base must be a Method such as Rollout(), not {self.base!r}")
+
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        return _RefineScheduler(graph, self.base.start(graph))
+
+
+class _Suffixes(NamedTuple):
+    """What the schedule costs from each step t = 0 .. N on, per dk: ``P[t] . svec(S) + constants[t]``.
+
+    The switch at t is left out, since it depends on what comes before. ``follows[t, v]`` says whether the rules allow
+    the rest from t on at node v.
+    """
+
+    modes: NDArray[np.intp]
+    P: Array
+    constants: Array
+    follows: NDArray[np.bool_]
+
+
+class _RefineScheduler(PlanningScheduler):
+    """All costs are per dk."""
+
+    def __init__(self, graph: SwitchingGraph, base: Scheduler) -> None:
+        super().__init__(graph)
+        self.base = base
+        modes = self.modes
+        self.maps, self.stages = moment_maps(modes.A), svec(modes.Q)
+        self.identity = svec(np.eye(modes.A.shape[-1]))
+        self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
+        least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
+        self.lengths = sorted({*_BLOCKS, *least})
+
+    def search(self, S: Array) -> Plan:
+        self.base.reset()
+        F = moment_factor(np.zeros(len(S)), S)
+        sequence, _, F, _ = predict(self.base, F, None)
+        lead, word = self.base.tail(F @ F.T)
+        path = np.array([*sequence, *lead], dtype=np.intp)
+        state, switching = word_costs(self.graph, word)
+        if state is None or switching is None or self.graph.price[list(word)].any():
+            raise ValueError(
+                "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
+                "that ends in a mode held for ever at finite cost"
+            )
+        self.word, self.word_P = word, svec(state + switching / self.modes.dk)
+        cost = start = self._cost(path, S)
+        sweeps = moves = 0
+        try:
+            with tqdm(desc="refine", unit="round", delay=2, leave=False) as progress:
+                sweeping, failed = True, 0
+                while failed < 2:
+                    better = self._sweep(path, S) if sweeping else self._move(path, S)
+                    found, gain = self._cost(better, S), 0.0
+                    if found < cost * (1 - TIE):
+                        sweeps, moves = sweeps + sweeping, moves + (not sweeping)
+                        path, cost, gain = better, found, cost - found
+                    sweeping, failed = (True, 0) if gain > _WORTH * cost else (not sweeping, failed + 1)
+                    progress.set_postfix(cost=f"{self.modes.dk * cost:.8g}", refresh=False)
+                    progress.update()
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.statistics = {"start": self.modes.dk * start, "sweeps": sweeps, "moves": moves}
+        return tuple(path.tolist()), word
+
+    def _run(self, path: NDArray[np.intp], S: Array) -> tuple[Array, Array]:
+        """The moments and the costs so far along a path."""
+        moments, costs = np.empty((len(path) + 1, len(self.identity))), np.zeros(len(path) + 1)
+        moments[0], before = svec(S), self.graph.last_mode[0]
+        for k, mode in enumerate(path.tolist()):
+            s = moments[k]
+            switch = self.fixed[before, mode] + self.by_w2[before, mode] * (self.identity @ s)
+            costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + switch
+            moments[k + 1], before = self.maps[mode] @ s, mode
+        return moments, costs
+
+    def _cost(self, path: NDArray[np.intp], S: Array) -> float:
+        moments, costs = self._run(path, S)
+        return float(costs[-1] + self._switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1])
+
+    def _switch(self, before: Any, mode: Any, s: Array) -> Any:
+        """Cost of a switch at one moment, or at each of several."""
+        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
+
+    def _suffixes(self, path: NDArray[np.intp]) -> _Suffixes:
+        """The backward pass."""
+        graph, N = self.graph, len(path)
+        modes = np.append(path, self.word[0])
+        P, constants = np.empty((N + 1, len(self.identity))), np.zeros(N + 1)
+        follows = np.empty((N + 1, len(graph)), dtype=bool)
+        P[N], follows[N] = self.word_P, graph.lasting(self.word)
+        for t in range(N - 1, -1, -1):
+            mode, after = modes[t], modes[t + 1]
+            P[t] = self.stages[mode] + (P[t + 1] + self.by_w2[mode, after] * self.identity) @ self.maps[mode]
+            constants[t] = graph.price[mode] + self.fixed[mode, after] + constants[t + 1]
+            follows[t] = graph.allows(follows[t + 1], mode)
+        return _Suffixes(modes, P, constants, follows)
+
+    def _before(self, rest: _Suffixes, mode: int, t: Any) -> tuple[Array, Array]:
+        """The suffixes from t on, entered from a mode: rows and constants."""
+        after = rest.modes[t]
+        return (
+            rest.P[t] + self.by_w2[mode, after][:, None] * self.identity,
+            rest.constants[t] + self.fixed[mode, after],
+        )
+
+    def _sweep(self, path: NDArray[np.intp], S: Array) -> NDArray[np.intp]:
+        """The forward pass: each mode chosen anew against the cost of what follows; the present one wins a tie."""
+        graph, rest, chosen = self.graph, self._suffixes(path), path.copy()
+        rows, constants = [], []
+        for i in range(len(self.modes)):
+            P, c = self._before(rest, i, slice(1, None))
+            rows.append(self.stages[i] + P @ self.maps[i])
+            constants.append(c + graph.price[i])
+        table, constant = np.stack(rows, axis=1), np.stack(constants, axis=1)
+        node, before, s = 0, graph.last_mode[0], svec(S)
+        for k, present in enumerate(path.tolist()):
+            costs = table[k] @ s + constant[k] + self._switch(before, slice(None), s)
+            heads = graph.successor[node]
+            costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
+            best = int(costs.argmin())
+            mode = best if costs[best] < costs[present] * (1 - TIE) else present
+            chosen[k], node, before, s = mode, int(heads[mode]), mode, self.maps[mode] @ s
+        return chosen
+
+    def _move(self, path: NDArray[np.intp], S: Array) -> NDArray[np.intp]:
+        """The best of: the schedule up to step k, a block of one mode, the schedule from step t on."""
+        graph, rest, (moments, costs) = self.graph, self._suffixes(path), self._run(path, S)
+        total = costs[-1] + self._switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1]
+        nodes = graph.walk(path)
+        before = np.append(graph.last_mode[:1], path)
+        left = np.flatnonzero(total - costs > _WORTH * total)[-1] + 1  # later changes gain too little
+        k = self._positions(path, int(left))
+        t = np.append(k[k > 0], len(path))
+        best, found = total, path
+        for i in range(len(self.modes)):
+            P, constants = self._before(rest, i, t)
+            prefixes = costs[k] + self._switch(before[k], i, moments[k])
+            heads = nodes[k]
+            for shorter, length in pairwise([0, *self.lengths]):
+                for _ in range(length - shorter):
+                    P, constants = self.stages[i] + P @ self.maps[i], constants + graph.price[i]
+                    heads = np.where(heads >= 0, graph.successor[heads, i], -1)
+                if (heads < 0).all():
+                    break
+                candidates = moments[k] @ P.T + prefixes[:, None] + constants
+                candidates[~(rest.follows[t][:, heads].T & (heads >= 0)[:, None])] = np.inf
+                place = int(candidates.argmin())
+                if candidates.flat[place] < best:
+                    best, (row, column) = candidates.flat[place], divmod(place, len(t))
+                    found = np.concatenate([path[: k[row]], np.full(length, i), path[t[column] :]])
+        return found
+
+    def _positions(self, path: NDArray[np.intp], left: int) -> NDArray[np.intp]:
+        """Where to cut: every step, or in long schedules those evenly spread and the switches."""
+        evenly = np.linspace(0, left - 1, min(left, _POSITIONS)).astype(np.intp)
+        switches = np.flatnonzero(np.diff(path)) + 1
+        return np.unique(np.concatenate([evenly, switches[switches < left][:_POSITIONS]]))

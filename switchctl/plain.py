@@ -1,0 +1,91 @@
+"""Modes, rules and graphs as the plain values of a JSON document, and back."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from switchctl.gaussian import Gaussian
+from switchctl.graph import SwitchingGraph
+from switchctl.modes import ModeSet
+from switchctl.rules import Budget, Rules
+
+
+def plain_system(graph: SwitchingGraph, x0: Gaussian) -> dict[str, Any]:
+    """The modes, the initial state and the rules."""
+    modes = graph.modes
+    return {
+        "dt": modes.dt,
+        "names": modes.names,
+        "states": modes.states,
+        "mean": x0.mean.tolist(),
+        "cov": x0.cov.tolist(),
+        "A": modes.A.tolist(),
+        "Q": modes.Q.tolist(),
+        "gains": None if modes.gains is None else modes.gains.tolist(),
+        "rules": _plain_record(graph.rules),
+        "edges": graph.automaton_edges,
+    }
+
+
+def read_system(document: Mapping[str, Any]) -> tuple[SwitchingGraph, Gaussian]:
+    """Undo `plain_system`."""
+    modes = ModeSet(
+        document["A"],
+        read_list(document["names"]),
+        document["dt"],
+        Q=document["Q"],
+        gains=document["gains"],
+        states=read_list(document["states"]),
+    )
+    told = _read(document["rules"])
+    if told.get("budget") is not None:
+        told["budget"] = Budget(**told["budget"])
+    rules, edges = Rules(**told), document["edges"]
+    if edges is None:
+        graph = SwitchingGraph(modes, rules)
+    else:
+        graph = SwitchingGraph.from_edges(modes, [tuple(edge) for edge in read_list(edges)], rules)
+    return graph, Gaussian(document["mean"], document["cov"])
+
+
+def read_list(value: Any) -> list[Any]:
+    """Check a list."""
+    if not isinstance(value, list):
+        raise TypeError(f"{value!r} stands where a list should")
+    return value
+
+
+def read_text(value: Any) -> str:
+    """Check a text."""
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} stands where a text should")
+    return value
+
+
+def _plain_record(record: Rules | Budget) -> dict[str, Any]:
+    changed = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {field.name: _plain(changed[field.name]) for field in fields(record) if changed[field.name] != field.default}
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no infinity and no keys but strings: the one becomes {"infinite": true}, a dict a list of pairs."""
+    if isinstance(value, Budget):
+        return _plain_record(value)
+    if isinstance(value, Mapping):
+        return {"by mode": [[mode, _plain(entry)] for mode, entry in value.items()]}
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return {"infinite": True} if isinstance(value, float) and math.isinf(value) else value
+
+
+def _read(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_read(entry) for entry in value]
+    if not isinstance(value, dict):
+        return value
+    if "infinite" in value:
+        return math.inf
+    if "by mode" in value:
+        return {mode: _read(entry) for mode, entry in value["by mode"]}
+    return {name: _read(entry) for name, entry in value.items()}
