@@ -26,10 +26,11 @@ from switchctl.methods import (
 )
 from switchctl.modes import Mode, ModeSet
 from switchctl.result import Schedule, Switch
-from switchctl.rules import Budget, Rules
+from switchctl.rules import Budget, ContradictionError, Rules
 from switchctl.scheduling import schedule
 from switchctl.sweeping import Sweep, sweep
 from switchctl.tail_costs import CostParts
+from switchctl.trade_offs import TradeOff, trade_off
 
 __version__ = "0.1.0"
 
@@ -45,6 +46,7 @@ __all__ = [
     "Budget",
     "Comparison",
     "Constant",
+    "ContradictionError",
     "CostParts",
     "Edge",
     "FewSwitches",
@@ -63,11 +65,13 @@ __all__ = [
     "Sweep",
     "Switch",
     "SwitchingGraph",
+    "TradeOff",
     "best_single_mode",
     "close_loops",
     "compare",
     "schedule",
     "single_mode_costs",
     "sweep",
+    "trade_off",
     "wasserstein",
 ]

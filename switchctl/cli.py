@@ -5,6 +5,7 @@ import io
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,19 @@ from switchctl import __version__
 from switchctl.comparison import Comparison, compare
 from switchctl.gaussian import Gaussian
 from switchctl.load_model import Model, bundled, load_model
-from switchctl.methods import Method, PointwiseMinimum, RecedingHorizon, Rollout
+from switchctl.methods import FewSwitches, Method, PointwiseMinimum, RecedingHorizon, Refine, Rollout
+from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
-from switchctl.scheduling import INTERRUPTED
+from switchctl.rules import Rules
 
-METHODS = {"receding-horizon": RecedingHorizon, "pointwise": PointwiseMinimum, "rollout": Rollout}
+METHODS = {
+    "receding-horizon": RecedingHorizon,
+    "pointwise": PointwiseMinimum,
+    "rollout": Rollout,
+    "few-switches": FewSwitches,
+    "refine": Refine,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -112,6 +120,10 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,..",
         help="its covariance: one variance for all, one each, or all entries by rows",
     )
+    parser.add_argument("--rules", action="store_true", help="under the model's own switching rules")
+    parser.add_argument("--min-dwell", type=int, metavar="N", help="least steps in a mode once taken")
+    parser.add_argument("--switch-cost", type=float, metavar="X", help="cost of a switch")
+    parser.add_argument("--max-switches", type=int, metavar="N", help="greatest number of switches")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -136,6 +148,12 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     settings = {
         name: getattr(asked, name) for name in ("horizon", "hold", "decrease") if getattr(asked, name) is not None
     }
+    if kind is FewSwitches and not settings:
+        if asked.max_switches is None:
+            raise ValueError("few-switches needs --max-switches N")
+        return FewSwitches(asked.max_switches)
+    if kind is Refine and not settings:
+        return Refine(own) if not isinstance(own, Refine) else own
     if kind is not RecedingHorizon:
         if settings and asked.method is None:
             kind = RecedingHorizon
@@ -148,6 +166,15 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     if "horizon" not in settings:
         raise ValueError("a receding horizon needs --horizon T")
     return RecedingHorizon(**settings)
+
+
+def _rules(asked: argparse.Namespace, model: Model) -> Rules:
+    """The model's own rules where asked for, and those asked for on top."""
+    if asked.rules and model.rules is None:
+        raise ValueError(f"{asked.model} has no rules of its own; leave out --rules")
+    told = {name: getattr(asked, name) for name in ("min_dwell", "switch_cost", "max_switches")}
+    own = model.rules if asked.rules and model.rules is not None else Rules()
+    return replace(own, **{name: value for name, value in told.items() if value is not None})
 
 
 def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
@@ -172,7 +199,7 @@ def _run(asked: argparse.Namespace) -> bool:
     method, x0 = _method(asked, model), _initial_state(asked, model)
     if asked.save:
         asked.save.mkdir(parents=True, exist_ok=True)
-    comparison = compare(model.modes, x0, {"schedule": method}, asked.steps)
+    comparison = compare(model.modes, x0, {"schedule": method}, asked.steps, _rules(asked, model))
     (schedule,) = comparison.schedules.values()
     saved = _save(asked.save, comparison, schedule) if asked.save else []
     best = comparison.single_costs.min()
@@ -194,7 +221,7 @@ def _compare(asked: argparse.Namespace) -> bool:
     if model.modes.schur.any():
         methods += [RecedingHorizon(np.inf), Rollout()]
     labelled = {repr(method): method for method in [*methods, model.method]}
-    comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps)
+    comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps, _rules(asked, model))
     print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
     return _whole(comparison)
 
@@ -228,6 +255,7 @@ def _record(comparison: Comparison) -> dict[str, Any]:
                 "steps": len(schedule),
                 "cost": _finite(schedule.cost),
                 "switches": [switch._asdict() for switch in schedule.switches],
+                "lead": schedule.lead,
                 "tail": schedule.tail,
             }
             for label, schedule in comparison.schedules.items()

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from switchctl.gaussian import Gaussian
+from switchctl.graph import SwitchingGraph
 from switchctl.methods import Method, single_mode_costs
 from switchctl.methods.base import check_state
+from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, constant_w2
 from switchctl.result import Schedule
-from switchctl.scheduling import INTERRUPTED, schedule
+from switchctl.rules import Rules
+from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
 
 if TYPE_CHECKING:
@@ -46,8 +49,9 @@ class Comparison:
 
     @property
     def single_costs(self) -> Array:
-        """Cost of each mode held for ever, shape (m,)."""
-        return single_mode_costs(self.modes, self.x0)
+        """Cost of each mode held for ever, shape (m,); under the rules, where all schedules have the same."""
+        first, *others = (schedule.graph for schedule in self.schedules.values())
+        return single_mode_costs(self.modes if any(graph is not first for graph in others) else first, self.x0)
 
     @property
     def single_w2(self) -> Array:
@@ -129,6 +133,7 @@ def compare(
     x0: Gaussian,
     methods: Method | Sequence[Method] | Mapping[str, Method],
     steps: int | None = None,
+    rules: Rules | SwitchingGraph | None = None,
 ) -> Comparison:
     """Run several methods on the same modes and initial state, beside every single mode.
 
@@ -142,6 +147,8 @@ def compare(
         What to run; a dict labels them, otherwise they are labelled by their settings.
     steps : int, optional
         As for `schedule`.
+    rules : Rules or SwitchingGraph, optional
+        As for `schedule`; the same for all, and for the single modes.
 
     Returns
     -------
@@ -178,9 +185,10 @@ def compare(
             raise TypeError(f"methods is labelled with {label!r}; labels are strings")
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
+    graph = rules if isinstance(rules, SwitchingGraph) else SwitchingGraph(modes, rules)
     schedules: dict[str, Schedule] = {}
     for label, method in labelled.items():
-        result = schedule(modes, x0, method, steps)
+        result = schedule(modes, x0, method, steps, graph)
         interrupted = result.status == INTERRUPTED
         schedules[f"{label} ({INTERRUPTED})" if interrupted else label] = result
         if interrupted:

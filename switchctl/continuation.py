@@ -51,6 +51,7 @@ class Continuations:
         self.graph = graph
         self._values: dict[tuple[int, int], Value] = {}
         self._tables: dict[int, tuple[list[int], Array, Array]] = {}
+        self.held: dict[int, int] = {}  # the way to each mode's hold, by number
         self.ways = self._holding()
         self.finite = self._finite()
         if not self.finite[:, 0].any():
@@ -68,6 +69,7 @@ class Continuations:
         for mode in range(len(graph.modes)):
             policy, ends = way_to_hold(graph, mode)
             if ends.any():
+                self.held[mode] = len(ways)
                 ways.append(Way(policy, ends, graph.modes.tails[mode] if graph.price[mode] == 0 else None))
         return ways
 

@@ -12,7 +12,7 @@ from switchctl.limits import find, limits
 from switchctl.memory import NODES, Automaton, Memory, TooManyNodes, explore, longest_runs
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.rules import Rules
+from switchctl.rules import ContradictionError, Rules
 from switchctl.tables import html_table, tree
 from switchctl.validation import frozen
 
@@ -70,7 +70,8 @@ class SwitchingGraph:
     Raises
     ------
     ValueError
-        If the rules don't fit the modes, contradict each other, or would need more than 100,000 nodes.
+        If the rules don't fit the modes, contradict each other (`ContradictionError`), or would need more than 100,000
+        nodes.
     KeyError, IndexError
         If a rule names a mode that is not there.
 
@@ -174,7 +175,7 @@ class SwitchingGraph:
             ) from None
         runs = longest_runs(successor)
         if np.isfinite(runs[0]):
-            raise ValueError(contradiction(modes, rules, automaton, place))
+            raise ContradictionError(contradiction(modes, rules, automaton, place))
         kept = np.flatnonzero(np.isinf(runs))
         place_of = np.full(len(runs) + 1, -1)  # its last entry, -1, stands for a move that is not allowed
         place_of[kept] = np.arange(len(kept))
@@ -187,6 +188,11 @@ class SwitchingGraph:
 
     def __len__(self) -> int:
         return len(self.successor)
+
+    @cached_property
+    def free(self) -> bool:
+        """Whether every mode may follow every past."""
+        return len(self) == 1 and bool((self.successor >= 0).all())
 
     @cached_property
     def holds(self) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.rules import Rules
+from switchctl.rules import ContradictionError, Rules
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,22 @@ class Limits:
 def limits(modes: ModeSet, rules: Rules) -> Limits:
     """Bring rules to the modes."""
     steps = _Steps(modes, rules)
-    low = [max(1, int(x)) for x in _by_mode(modes, rules.min_dwell, "min_dwell", 1, steps.up)]
+    low = [1] * len(modes)
+    if rules.min_dwell is not None:
+        low = [int(x) for x in _by_mode(modes, rules.min_dwell, "min_dwell", 1, steps.up)]
     high = _by_mode(modes, rules.max_dwell, "max_dwell", math.inf, steps.down)
     for name, least, most in zip(modes.names, low, high, strict=True):
         if most < 1:
             raise ValueError(f"max_dwell of {name!r} is shorter than a step of {modes.dt:g} s; it must hold one")
         if least > most:
-            raise ValueError(f"min_dwell = {least} and max_dwell = {most} steps contradict each other for {name!r}")
+            raise ContradictionError(
+                f"min_dwell = {least} and max_dwell = {most} steps contradict each other for {name!r}"
+            )
     start = None
     if rules.start is not None:
         start = (find(modes, rules.start[0], "start"), steps.whole(rules.start[1], "the age in start"))
         if start[1] > high[start[0]]:
-            raise ValueError(
+            raise ContradictionError(
                 f"start = ({modes.names[start[0]]!r}, {start[1]}) and max_dwell = {high[start[0]]} steps contradict "
                 "each other: the mode has been held for longer than it may be"
             )

@@ -17,15 +17,19 @@ from switchctl.files import FormatError, read_json
 from switchctl.gaussian import Gaussian
 from switchctl.methods import Method, Rollout
 from switchctl.modes import ModeSet
+from switchctl.rules import Rules
+
+FUNCTIONS = ("modes", "plant", "controllers", "initial_state", "method", "rules")
 
 
 @dataclass(frozen=True)
 class Model:
-    """Modes, an initial state where there is one, and the method that shows them best."""
+    """Modes, an initial state and rules where there are any, and the method that shows them best."""
 
     modes: ModeSet
     initial_state: Gaussian | None
     method: Method
+    rules: Rules | None = None
 
 
 def bundled() -> dict[str, str]:
@@ -40,10 +44,10 @@ def load_model(name: str) -> Model:
     Parameters
     ----------
     name : str
-        A bundled model or a path. A Python file offers what the bundled models do: ``initial_state()``, and ``modes()``
-        or ``plant()`` and ``controllers()``; ``method()`` if it likes. A .json file holds an object with ``A`` and, if
-        it likes, ``names``, ``states``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file the same variables, with
-        matrices for each mode stacked along the third axis or in a cell array.
+        A bundled model or a path. A Python file offers what the bundled models do: ``initial_state()``, and
+        ``modes()`` or ``plant()`` and ``controllers()``; ``method()`` and ``rules()`` if it likes. A .json file holds
+        an object with ``A`` and, if it likes, ``names``, ``states``, ``dt``, ``Q``, ``mean`` and ``cov``; a .mat file
+        the same variables, with matrices for each mode stacked along the third axis or in a cell array.
 
     Returns
     -------
@@ -95,7 +99,7 @@ def _call(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
 
 
 def _from_module(module: ModuleType, name: str) -> Model:
-    functions = {f: getattr(module, f, None) for f in ("modes", "plant", "controllers", "initial_state", "method")}
+    functions = {f: getattr(module, f, None) for f in FUNCTIONS}
     for f, function in functions.items():
         if function is not None and not callable(function):
             raise FormatError(f"{name}: {f} must be a function; got {function!r}")
@@ -109,15 +113,16 @@ def _from_module(module: ModuleType, name: str) -> Model:
         if not (functions["plant"] and functions["controllers"]):
             raise FormatError(f"{name} offers neither modes() nor plant() and controllers()")
         modes = _call(close_loops, name, made("plant"), made("controllers"))
-    initial_state, method = made("initial_state"), made("method")
+    initial_state, method, rules = made("initial_state"), made("method"), made("rules")
     for f, value, kind in (
         ("modes", modes, ModeSet),
         ("initial_state", initial_state, Gaussian),
         ("method", method, Method),
+        ("rules", rules, Rules),
     ):
         if functions[f] is not None and not isinstance(value, kind):
             raise FormatError(f"{name}: {f}() returned a {type(value).__name__}; expected a {kind.__name__}")
-    return Model(modes, initial_state, method or Rollout())
+    return Model(modes, initial_state, method or Rollout(), rules)
 
 
 def _from_matrices(content: dict[str, Any], name: str) -> Model:

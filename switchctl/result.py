@@ -112,7 +112,7 @@ class Schedule:
         elif self.graph.modes is not self.modes:
             raise ValueError("graph is of other modes; give the schedule that graph's .modes")
         lead = tuple(self.modes.index(mode) for mode in self.lead)
-        if len(self.graph) > 1:
+        if not self.graph.free:
             last = int(self.graph.walk([*sequence.tolist(), *lead])[-1])
             if not self.graph.lasting(tail)[last]:
                 words = " ".join(self.modes.names[mode] for mode in tail)

@@ -12,6 +12,10 @@ import numpy as np
 from switchctl.validation import number, real_array, whole_number
 
 
+class ContradictionError(ValueError):
+    """Rules that no run can obey together."""
+
+
 class _Record:
     """Copying, comparing and printing of immutable records."""
 
@@ -78,7 +82,7 @@ class Rules(_Record):
     Parameters
     ----------
     min_dwell : int, dict or sequence, optional
-        Least number of steps a mode is held once taken; 1 by default. A dwell cut by a schedule's last step goes on
+        Least number of steps a mode is held once taken; one by default. A dwell cut by a schedule's last step goes on
         in its tail.
     max_dwell : int, dict or sequence, optional
         Greatest number of steps in a row; no limit (`math.inf`) by default.
@@ -112,8 +116,8 @@ class Rules(_Record):
     Raises
     ------
     ValueError
-        If a value is out of range or two rules contradict each other. What depends on the modes (their names, dt,
-        whether any run can obey) is checked where rules meet modes: `SwitchingGraph`, `schedule`.
+        If a value is out of range or two rules contradict each other (`ContradictionError`). What depends on the modes
+        (their names, dt, whether any run can obey) is checked where rules meet modes: `SwitchingGraph`, `schedule`.
     TypeError
         If a value is of the wrong kind.
 
@@ -125,7 +129,7 @@ class Rules(_Record):
     Rules(min_dwell={'high': 0.05}, time_unit='s')
     """
 
-    min_dwell: Any = 1
+    min_dwell: Any = None
     max_dwell: Any = math.inf
     transitions: Any = None
     switch_cost: Any = 0.0
@@ -142,12 +146,13 @@ class Rules(_Record):
         if self.time_unit not in ("step", "s"):
             raise ValueError(f"time_unit is {self.time_unit!r}; expected 'step' or 's'")
         values: dict[str, Any] = {
-            "min_dwell": _per_mode(self.min_dwell, "min_dwell", self._time),
             "max_dwell": _per_mode(self.max_dwell, "max_dwell", partial(self._time, endless=True)),
             "switch_cost": _number_or_matrix(self.switch_cost, "switch_cost"),
             "switch_cost_per_w2": _number_or_matrix(self.switch_cost_per_w2, "switch_cost_per_w2"),
             "price": _per_mode(self.price, "price", _at_least_zero),
         }
+        if self.min_dwell is not None:
+            values["min_dwell"] = _per_mode(self.min_dwell, "min_dwell", self._time)
         if self.transitions is not None:
             values["transitions"] = _transitions(self.transitions)
         if self.max_switches is not None:
@@ -167,9 +172,9 @@ class Rules(_Record):
                 whole_number(self.budget.window, "the budget's window")
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        low, high = values["min_dwell"], values["max_dwell"]
+        low, high = self.min_dwell, self.max_dwell
         if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
-            raise ValueError(f"min_dwell = {low} and max_dwell = {high} contradict each other")
+            raise ContradictionError(f"min_dwell = {low} and max_dwell = {high} contradict each other")
 
     def _time(self, value: Any, name: str, *, endless: bool = False, least: int = 1) -> float:
         """Check a time: whole steps, or seconds."""

@@ -10,9 +10,10 @@ from tqdm import tqdm
 from switchctl.gaussian import Gaussian
 from switchctl.methods import RecedingHorizon, best_single_mode, single_mode_costs
 from switchctl.methods.base import check_state
+from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
-from switchctl.scheduling import INTERRUPTED, schedule
+from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
 from switchctl.validation import frozen
 

@@ -12,10 +12,12 @@ from random_cases import random_gaussian, random_modes
 import switchctl
 from switchctl import (
     Constant,
+    FewSwitches,
     Gaussian,
     ModeSet,
     PointwiseMinimum,
     RecedingHorizon,
+    Refine,
     Rollout,
     best_single_mode,
     schedule,
@@ -34,6 +36,9 @@ METHODS = [
     RecedingHorizon(4, hold=2, decrease=0.3),
     RecedingHorizon(math.inf, decrease=0.01),
     Rollout(),
+    FewSwitches(2),
+    Refine(),
+    Refine(PointwiseMinimum()),
 ]
 cases = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(0, 2**32 - 1))
 

@@ -27,7 +27,7 @@ ORDER = [
     "closed_loop methods",
     "result result_text",
     "scheduling",
-    "comparison sweeping",
+    "comparison sweeping trade_offs",
     "plotting",
     "load_model",
     "cli",

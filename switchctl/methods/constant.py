@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from switchctl.continuation import Nodes, way_to_hold
+from switchctl.continuation import Continuations, Nodes, way_to_hold
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, check_state, least_cost
@@ -52,13 +52,14 @@ class _ConstantScheduler(Scheduler):
         return int(self.policy[self.node])
 
 
-def single_mode_costs(modes: ModeSet, x0: Gaussian) -> Array:
+def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
     """Cost of each mode held for ever: ``dk * tr(P_i S_0)``, infinite where the mode is not Schur.
 
     Parameters
     ----------
-    modes : ModeSet
-        The modes.
+    modes : ModeSet or SwitchingGraph
+        The modes; of a switching graph, each mode held as soon as the rules allow it, with what that costs, infinite
+        where they never do.
     x0 : Gaussian
         The initial state.
 
@@ -76,9 +77,16 @@ def single_mode_costs(modes: ModeSet, x0: Gaussian) -> Array:
     >>> single_mode_costs(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]]))
     array([12., inf])
     """
+    graph = modes if isinstance(modes, SwitchingGraph) else None
+    modes = modes.modes if isinstance(modes, SwitchingGraph) else modes
     check_state(modes, x0)
-    S = x0.second_moment
-    return np.array([np.inf if P is None else modes.dk * np.sum(P * S) for P in modes.tails])
+    S, costs = x0.second_moment, np.full(len(modes), np.inf)
+    ways = Continuations(SwitchingGraph(modes) if graph is None else graph)
+    for mode, number in ways.held.items():
+        if ways.finite[number, 0]:
+            value = ways.value(0, number)
+            costs[mode] = modes.dk * (np.sum(value.P * S) + value.constant)
+    return costs
 
 
 def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:

@@ -84,7 +84,7 @@ class HorizonCosts:
     def _moves(self, node: int) -> list[int]:
         """The modes allowed; where there is a way on at finite cost, those that keep one."""
         heads = self.graph.successor[node]
-        if len(self.graph) > 1:
+        if not self.graph.free:
             lasting = (heads >= 0) & self.continuations.finite[:, heads].any(axis=0)
             if lasting.any():
                 return np.flatnonzero(lasting).tolist()

@@ -35,7 +35,7 @@ class Orbit:
 
 def held_nodes(graph: SwitchingGraph, node: int, mode: int, steps: int) -> NDArray[np.intp]:
     """The nodes while a mode is held, for so many steps at most: fewer where the rules end it."""
-    if len(graph) == 1:
+    if graph.free:
         return np.zeros(steps + 1, dtype=np.intp)
     nodes, successor = [node], graph.successor[:, mode]
     while len(nodes) <= steps and (node := int(successor[node])) >= 0:

@@ -191,6 +191,7 @@ class _RefineScheduler(PlanningScheduler):
         left = np.flatnonzero(total - costs > _WORTH * total)[-1] + 1  # later changes gain too little
         k = self._positions(path, int(left))
         t = np.append(k[k > 0], len(path))
+        follows = np.vstack([rest.follows[t].T, np.zeros((1, len(t)), dtype=bool)])  # the last row, -1, is nowhere
         best, found = total, path
         for i in range(len(self.modes)):
             P, constants = self._before(rest, i, t)
@@ -203,7 +204,7 @@ class _RefineScheduler(PlanningScheduler):
                 if (heads < 0).all():
                     break
                 candidates = moments[k] @ P.T + prefixes[:, None] + constants
-                candidates[~(rest.follows[t][:, heads].T & (heads >= 0)[:, None])] = np.inf
+                candidates[~follows[heads]] = np.inf
                 place = int(candidates.argmin())
                 if candidates.flat[place] < best:
                     best, (row, column) = candidates.flat[place], divmod(place, len(t))

@@ -1,4 +1,4 @@
-"""Pictures without a time axis: areas as bars, ellipses in the phase plane, a sweep as a heat map."""
+"""Pictures without a time axis: areas, ellipses in the phase plane, a sweep as a heat map, a trade-off."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,8 +7,10 @@ import numpy as np
 from control import ControlPlot
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.patches import Patch, Polygon
+from matplotlib.ticker import MaxNLocator
 
 from switchctl.comparison import Comparison
+from switchctl.methods import single_mode_costs
 from switchctl.modes import ModeSet
 from switchctl.plotting.style import (
     COLOURS,
@@ -24,6 +26,7 @@ from switchctl.plotting.style import (
 )
 from switchctl.result import Schedule
 from switchctl.sweeping import Sweep
+from switchctl.trade_offs import TradeOff
 from switchctl.validation import number
 
 _ELLIPSES = 16
@@ -188,6 +191,73 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
         ax.figure.colorbar(mesh, ax=ax, label="cost (% of the best single mode)")
     default = f"100 % is {plain(sweep.best_single.name)} alone, {sweep.best_single_cost:.5g}"
     return finish(ax, [], default if title is None else title, False)
+
+
+def plot_trade_off(
+    trade_off: TradeOff, *, ax: Any = None, title: str | None = None, legend_loc: Legend = None
+) -> ControlPlot:
+    """Draw what a rule costs: the cost of the state against the number of switches, the dwell time or the use.
+
+    Each point is a setting of the rule; switch costs and limits are written beside it.
+
+    Parameters
+    ----------
+    trade_off : TradeOff
+        What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure by default.
+    title : str, optional
+        Title; none by default.
+    legend_loc : str or False, optional
+        Place of the legend, or False for none.
+
+    Returns
+    -------
+    control.ControlPlot
+
+    Raises
+    ------
+    ValueError
+        If no setting has a schedule of finite cost.
+    """
+    require(trade_off, TradeOff, "plot_trade_off")
+    over, modes = trade_off.over, trade_off.modes
+    rows = [row for row in trade_off.rows() if row["state"] is not None and np.isfinite(row["state"])]
+    rows = [row for row in rows if over != "switch_cost" or np.isfinite(row["switches"])]
+    if not rows:
+        raise ValueError("no setting has a schedule of finite cost, so there is nothing to draw")
+    x = [row["switches"] if over == "switch_cost" else row["value"] for row in rows]
+    y = [row["state"] for row in rows]
+    ax = one_axes(ax)
+    lines = ax.plot(x, y, color="black", marker="o", lw=1.4, label="under the rule")
+    single = single_mode_costs(modes, trade_off.x0)
+    if np.isfinite(single).any():
+        best = int(single.argmin())
+        style = {"color": mode_style(best)["color"], "ls": "--", "lw": 1.2}
+        lines.append(ax.axhline(single[best], label=f"{plain(modes.names[best])} alone, without rules", **style))
+    if over == "switch_cost":
+        seen: dict[tuple[float, float], list[float]] = {}
+        for row, place in zip(rows, zip(x, y, strict=True), strict=True):
+            seen.setdefault(place, []).append(row["value"])
+        for place, values in seen.items():
+            told = f"{values[0]:.3g}" if len(values) == 1 else f"{values[0]:.3g} to {values[-1]:.3g}"
+            ax.annotate(told, place, (6, 5), textcoords="offset points", fontsize="small")
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    unit = "steps" if trade_off.rules.time_unit == "step" else "s"
+    if over == "min_dwell" and min(x) > 0 and max(x) > 20 * min(x):
+        ax.set_xscale("log")
+        ax.set_xticks(x, [f"{value:g}" for value in x])
+        ax.minorticks_off()
+    labels = {
+        "switch_cost": "switches (beside each point: the cost of one)",
+        "min_dwell": f"least dwell time ({unit})",
+        "budget": "limit of the budget (units of use)",
+    }
+    ax.set_xlabel(labels[over])
+    ax.set_ylabel("cost of the state" + ("" if modes.dt is True else " (weighted units · s)"))
+    ax.grid(True, alpha=0.3)
+    ax.margins(x=0.08, y=0.12)
+    return finish(ax, lines, title or "", legend_place(legend_loc, "best"))
 
 
 def _state_pair(modes: ModeSet, states: Sequence[int | str]) -> list[int]:

@@ -1,0 +1,231 @@
+"""What a switching rule costs: one rule, several settings."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from switchctl.gaussian import Gaussian
+from switchctl.graph import SwitchingGraph
+from switchctl.methods import Method, Refine
+from switchctl.methods.base import check_state
+from switchctl.methods.prediction import INTERRUPTED
+from switchctl.modes import ModeSet
+from switchctl.result import Schedule
+from switchctl.rules import ContradictionError, Rules
+from switchctl.scheduling import schedule
+from switchctl.tables import html_table, text_table
+
+if TYPE_CHECKING:
+    from control import ControlPlot
+
+Over = Literal["switch_cost", "min_dwell", "budget"]
+
+_SHARES = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # switch costs, of the cost without
+_DWELLS = (1, 2, 5, 10, 20, 50, 100)  # steps
+_FACTORS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # of the budget's limit
+
+
+@dataclass(frozen=True, eq=False)
+class TradeOff:
+    """Schedules under one rule in several settings. `trade_off` makes one.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+    rules : Rules
+        The other rules.
+    over : str
+        The rule.
+    values : tuple of float
+        Its settings: a cost, a time in the unit of the rules, or a limit.
+    schedules : tuple of Schedule or None
+        One a setting; None where no run obeys.
+    """
+
+    modes: ModeSet
+    x0: Gaussian
+    rules: Rules
+    over: Over
+    values: tuple[float, ...]
+    schedules: tuple[Schedule | None, ...]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return one record for each setting.
+
+        Returns
+        -------
+        list of dict
+            With value, cost, state (its part without switches and prices), switches (in the whole run, which may be
+            inf), dwell (shortest of the run, in steps) and use (of the budget in the whole run, None without one);
+            None for all but value where no run obeys.
+        """
+        return [{"value": value, **_record(result)} for value, result in zip(self.values, self.schedules, strict=True)]
+
+    def _cells(self) -> list[list[str]]:
+        rows = self.rows()
+        keys = [key for key in rows[0] if key == "value" or any(row[key] is not None for row in rows)]
+        return [["-" if row[key] is None else f"{row[key]:.6g}" for key in keys] for row in rows]
+
+    def _header(self) -> list[str]:
+        told = {"value": self.over.replace("_", " "), "state": "of which state", "dwell": "shortest dwell"}
+        rows = self.rows()
+        return [told.get(key, key) for key in rows[0] if key == "value" or any(row[key] is not None for row in rows)]
+
+    def __repr__(self) -> str:
+        return text_table(self._header(), self._cells())
+
+    def _repr_html_(self) -> str:
+        return html_table(self._header(), self._cells(), f"What {self.over} costs")
+
+    def plot(self, **keywords: Any) -> "ControlPlot":
+        """Draw the cost of the state against switches, dwell or use; see `switchctl.plotting.plot_trade_off`.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from switchctl.plotting import plot_trade_off
+
+        return plot_trade_off(self, **keywords)
+
+
+def _record(result: Schedule | None) -> dict[str, Any]:
+    if result is None:
+        return dict.fromkeys(("cost", "state", "switches", "dwell", "use"))
+    run = np.array([*result.sequence, *result.lead, *result.tail, result.tail[0]])
+    changes = np.flatnonzero(np.diff(run)) + 1
+    begins = changes if result.graph.rules.start is not None else [0, *changes]  # of the dwells seen whole
+    for_ever = len(set(result.tail)) > 1
+    use, tail = result.graph.resource_use, np.array(result.tail)
+    return {
+        "cost": result.cost,
+        "state": result.cost_parts.state,
+        "switches": np.inf if for_ever else len(changes) + int(_first_switch(result)),
+        "dwell": int(np.diff(begins).min()) if len(begins) > 1 else np.inf,
+        "use": None if use is None else np.inf if use[tail].any() else float(use[run].sum()),
+    }
+
+
+def _first_switch(result: Schedule) -> bool:
+    """Whether the first step leaves the mode that was active before."""
+    start = result.graph.rules.start
+    return start is not None and result.modes.index(start[0]) != result.sequence[0]
+
+
+def trade_off(
+    modes: ModeSet,
+    x0: Gaussian,
+    rules: Rules | None = None,
+    over: Over = "switch_cost",
+    values: Iterable[float] | None = None,
+    method: Method | None = None,
+) -> TradeOff:
+    """Schedule under one rule in several settings, the other rules being as given.
+
+    Each schedule found is also tried under every other setting that allows it, and the cheapest kept: so the cost
+    never falls when the rule is tightened, although a method may not find the optimum.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    x0 : Gaussian
+        The initial state.
+    rules : Rules, optional
+        The rules, of which one is varied; over a budget they must have one.
+    over : {"switch_cost", "min_dwell", "budget"}, optional
+        The rule: the cost of every switch, the least dwell time of every mode, or the limit of the budget.
+    values : sequence of float, optional
+        Its settings. By default switch costs up to a tenth of the cost without, dwells of 1 to 100 steps, and up to
+        four times the budget's limit.
+    method : Method, optional
+        How to schedule; `Refine` by default.
+
+    Returns
+    -------
+    TradeOff
+        Interrupted by Ctrl-C, with the settings so far.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `Rules` and `schedule` do; ValueError if there is no setting, or no budget to vary. A setting under which no
+        run is possible is no error.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> trade_off(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), over="min_dwell", values=[1, 10, 20])
+    min dwell     cost  of which state  switches  shortest dwell
+    ---------  -------  --------------  --------  --------------
+    1          14.4326         14.4326         1               6
+    10         15.0194         15.0194         1              10
+    20         17.0654         17.0654         1              20
+    """
+    check_state(modes, x0)
+    rules, method = Rules() if rules is None else rules, Refine() if method is None else method
+    told = _values(modes, x0, rules, over, values, method)
+    found: list[Schedule | None] = []
+    try:
+        for value in tqdm(told, desc="trade-off", unit="schedule", delay=2, leave=False):
+            found.append(_attempt(modes, x0, method, rules, over, value))
+            if found[-1] is not None and found[-1].status == INTERRUPTED:
+                break
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    return TradeOff(modes, x0, rules, over, tuple(told[: len(found)]), tuple(_cheapest(own, found) for own in found))
+
+
+def _values(
+    modes: ModeSet, x0: Gaussian, rules: Rules, over: str, values: Iterable[float] | None, method: Method
+) -> list[float]:
+    if over not in ("switch_cost", "min_dwell", "budget"):
+        raise ValueError(f"over is {over!r}; expected 'switch_cost', 'min_dwell' or 'budget'")
+    if over == "budget" and rules.budget is None:
+        raise ValueError("over is 'budget', but the rules have none; give Rules(budget=Budget(..)) to vary its limit")
+    if values is not None:
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise TypeError(f"values must be a sequence of settings, not {values!r}")
+        told = list(values)
+        if not told:
+            raise ValueError("values is empty; give at least one setting")
+        return told
+    if over == "switch_cost":
+        free = schedule(modes, x0, method, rules=replace(rules, switch_cost=0.0)).cost
+        return [float(f"{share * free:.2g}") for share in _SHARES]
+    if over == "min_dwell":
+        return [steps if rules.time_unit == "step" else steps * modes.dk for steps in _DWELLS]
+    assert rules.budget is not None
+    return [factor * rules.budget.limit for factor in _FACTORS]
+
+
+def _attempt(modes: ModeSet, x0: Gaussian, method: Method, rules: Rules, over: str, value: float) -> Schedule | None:
+    """The schedule under one setting; None where no run obeys."""
+    try:
+        change: Any = replace(rules.budget, limit=value) if over == "budget" and rules.budget else value
+        graph = SwitchingGraph(modes, replace(rules, **{over: change}))
+    except ContradictionError:
+        return None
+    return schedule(modes, x0, method, rules=graph)
+
+
+def _cheapest(own: Schedule | None, found: list[Schedule | None]) -> Schedule | None:
+    """The cheapest of all schedules found that the rules of one allow."""
+    best = own
+    for other in found:
+        if own is None or other is None or other is own:
+            continue
+        try:
+            tried = replace(own, sequence=other.sequence, lead=other.lead, tail=other.tail, lengthened=())
+        except ValueError:  # against the rules
+            continue
+        if best is not None and tried.cost < best.cost:
+            best = tried
+    return best

@@ -1,0 +1,440 @@
+"""Rules and methods against enumeration: every kind of rule, on random small instances."""
+
+import math
+import re
+from functools import cache, reduce
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from random_cases import random_gaussian, random_modes
+from rule_checker import costs_of, start_of, true_cost, true_parts, violations
+
+from switchctl import (
+    Budget,
+    Constant,
+    ContradictionError,
+    FewSwitches,
+    Gaussian,
+    ModeSet,
+    PointwiseMinimum,
+    RecedingHorizon,
+    Refine,
+    Rollout,
+    Rules,
+    Schedule,
+    SwitchingGraph,
+    schedule,
+)
+from switchctl.methods.lower_bounds import lower_bounds
+
+INSTANCES = 500
+PERIODS = (0.1, 0.25, 0.3)  # s; as floats no multiple of them is exact
+
+
+def per_mode(rng, m, draw):
+    """Values for all modes: a number, a list, or a dict that leaves modes out."""
+    form = rng.integers(3)
+    if form == 0:
+        return draw()
+    if form == 1:
+        return [draw() for _ in range(m)]
+    return {f"A{i}" if rng.random() < 0.5 else int(i): draw() for i in some(rng, m)}
+
+
+def some(rng, m):
+    return rng.choice(m, rng.integers(1, m + 1), replace=False).tolist()
+
+
+def min_dwell(rng, m):
+    return {"min_dwell": per_mode(rng, m, lambda: int(rng.integers(1, 6)))}
+
+
+def max_dwell(rng, m):
+    longest = rng.choice(5, m) + 1
+    if rng.random() < 0.8:  # a mode that may be held for ever
+        return {"max_dwell": {int(i): int(longest[i]) for i in some(rng, m)[: m - 1]}}
+    return {"max_dwell": longest.tolist()}
+
+
+def transitions(rng, m):
+    matrix = rng.random((m, m)) < 0.5
+    if rng.random() < 0.5:
+        return {"transitions": matrix}
+    return {"transitions": {f"A{i}": np.flatnonzero(row).tolist() for i, row in enumerate(matrix)}}
+
+
+def switch_cost(rng, m):
+    return {"switch_cost": rng.exponential(0.5)}
+
+
+def switch_cost_matrix(rng, m):
+    return {"switch_cost": rng.exponential(0.5, (m, m)) * (rng.random((m, m)) < 0.7)}
+
+
+def switch_cost_per_w2(rng, m):
+    return {"switch_cost_per_w2": rng.exponential(0.5, (m, m)) if rng.random() < 0.5 else rng.exponential(0.3)}
+
+
+def price(rng, m):
+    prices = rng.exponential(0.3, m)
+    prices[some(rng, m)] = rng.choice([0.0, 0.1])
+    return {"price": prices.tolist() if rng.random() < 0.7 else {int(i): prices[i] for i in some(rng, m)}}
+
+
+def max_switches(rng, m):
+    return {"max_switches": int(rng.integers(4))}
+
+
+def uses(rng, m):
+    values = rng.choice([0.1, 0.3, 0.7, 1.0], m)
+    values[some(rng, m)[: m - 1]] = 0.0
+    if rng.random() < 0.2:
+        return {int(i): values[i] for i in some(rng, m)}
+    return values.tolist()
+
+
+def budget(rng, m):
+    return {"budget": Budget(use=uses(rng, m), limit=rng.choice([0.2, 0.3, 0.6]))}
+
+
+def budget_window(rng, m):
+    use = rng.choice([0.0, 0.1, 0.3, 0.7], m).tolist()
+    return {"budget": Budget(use=use, limit=rng.choice([0.3, 0.6, 0.9]), window=int(rng.integers(1, 6)))}
+
+
+def start(rng, m):
+    rule = (min_dwell, max_dwell, budget_window, switch_cost, transitions)[rng.integers(5)]
+    return rule(rng, m) | {"start": (int(rng.integers(m)), int(rng.integers(1, 5)))}
+
+
+def allowed(rng, m):
+    times = {}
+    for i in some(rng, m):
+        ends = sorted(rng.choice(11, 4, replace=False).tolist())
+        if rng.random() < 0.6:
+            ends[3] = math.inf
+        times[f"A{i}"] = [tuple(ends[:2]), tuple(ends[2:])][rng.integers(2) :]
+    return {"allowed": times}
+
+
+def allowed_period(rng, m):
+    period = int(rng.integers(2, 7))
+    times = {}
+    for i in some(rng, m)[: m - 1 if rng.random() < 0.7 else m]:
+        begin, end = sorted(rng.choice(period + 1, 2, replace=False).tolist())
+        times[i] = [(begin, end)]
+    return {"allowed": times, "allowed_period": period}
+
+
+def several(rng, m):
+    rules = {}
+    for rule in rng.choice(np.array(SINGLE[1:], dtype=object), rng.integers(2, 5), replace=False):
+        rules |= rule(rng, m)
+    if "allowed_period" in rules and any(given[-1][1] > rules["allowed_period"] for given in rules["allowed"].values()):
+        del rules["allowed_period"]  # it was another draw's
+    if {"min_dwell", "max_dwell"} <= rules.keys():  # for one mode they would be refused, whatever the others allow
+        low, high = in_order(rules["min_dwell"], m, 1), in_order(rules["max_dwell"], m, math.inf)
+        rules |= {"min_dwell": low, "max_dwell": [max(pair) for pair in zip(low, high, strict=True)]}
+    return rules
+
+
+def in_order(values, m, free):
+    if isinstance(values, dict):
+        return [values.get(i, values.get(f"A{i}", free)) for i in range(m)]
+    return values if isinstance(values, list) else [values] * m
+
+
+def seconds(rng, m, dt):
+    """Several rules, with times that the modes' period need not divide."""
+    rules = several(rng, m)
+    rules.setdefault("min_dwell", 1)
+
+    def time(steps, least=-0.4, most=0.4):
+        return steps if steps == math.inf else round((steps + rng.choice([least, 0.0, most])) * dt, 6)
+
+    for name, room in (("min_dwell", (-0.4, 0.0)), ("max_dwell", (0.0, 0.4))):
+        if name in rules:
+            free = 1 if name == "min_dwell" else math.inf
+            rules[name] = [time(steps, *room) for steps in in_order(rules[name], m, free)]
+    if "start" in rules:
+        rules["start"] = (rules["start"][0], time(rules["start"][1], 0.0, 0.0))
+    if "budget" in rules and rules["budget"].window is not None:
+        old = rules["budget"]
+        rules["budget"] = Budget(use=old.use, limit=old.limit, window=time(old.window, -0.4, 0.0))
+    if "allowed" in rules:
+        rules["allowed"] = {
+            mode: [(abs(time(begin)), time(end, -0.4, -0.2)) for begin, end in given]
+            for mode, given in rules["allowed"].items()
+        }
+    if "allowed_period" in rules:
+        rules["allowed_period"] = time(rules["allowed_period"], 0.0, 0.0)
+    return rules | {"time_unit": "s"}
+
+
+def none(rng, m):
+    return {}
+
+
+SINGLE = [
+    none,
+    min_dwell,
+    max_dwell,
+    transitions,
+    switch_cost,
+    switch_cost_matrix,
+    switch_cost_per_w2,
+    price,
+    max_switches,
+    budget,
+    budget_window,
+    start,
+    allowed,
+    allowed_period,
+]
+KINDS = [*SINGLE, several, seconds]
+each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+
+
+def some_modes(rng, seconds=False):
+    """Modes so fast that late switches don't matter; some with one that isn't Schur, some with singular weights."""
+    n, m = rng.integers(1, 4), rng.integers(2, 4)
+    A = random_modes(rng, n, m, radius=(0.2, 0.6))
+    if rng.random() < 0.3:
+        A[rng.integers(m)] *= 3.0
+    Q = None
+    if rng.random() < 0.5:
+        roots = rng.standard_normal((m, n, rng.integers(1, n + 1)))
+        Q = roots @ np.swapaxes(roots, 1, 2)
+    return ModeSet(A, dt=float(rng.choice(PERIODS)) if seconds or rng.random() < 0.3 else True, Q=Q)
+
+
+def instances(kind, count, seed, pool=None):
+    """Modes, at most so many different ones, a state, rules, and the generator for what else is random."""
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    drawn = []
+    for number in range(count):
+        place = number % (pool or count)
+        if place == len(drawn):
+            drawn.append(some_modes(rng, kind is seconds))
+        modes = drawn[place]
+        m, n, _ = modes.A.shape
+        rules = kind(rng, m, modes.dt) if kind is seconds else kind(rng, m)
+        yield modes, random_gaussian(rng, n), Rules(**rules), rng
+
+
+def graph_of(modes, rules):
+    """The graph; None where the rules contradict each other, which enumeration must confirm."""
+    try:
+        return SwitchingGraph(modes, rules)
+    except ContradictionError as error:
+        told = re.search(r"ends after at most (\d+) step", str(error))
+        most = int(told[1]) if told else 0
+        assert longest_run(modes, rules, most + 1) <= most, (rules, str(error))
+        return None
+
+
+def longest_run(modes, rules, most, begin=()):
+    """How many steps some run that begins so can obey; at most so many are tried."""
+    longest, tried, stack = 0, 0, [] if violations(modes, rules, begin) else [tuple(begin)]
+    while stack and longest < most:
+        run = stack.pop()
+        longest, tried = max(longest, len(run)), tried + 1
+        assert tried < 20_000, "too many runs to try"
+        likely_last = sorted(range(len(modes)), key=lambda i: bool(run) and i == run[-1])  # to stay rarely ends a run
+        stack += [(*run, i) for i in likely_last if not violations(modes, rules, (*run, i))]
+    return longest
+
+
+@cache
+def with_few_switches(m, steps, most):
+    """Every sequence with at most so many switches, one a row."""
+    sequences = []
+    for switches in range(most + 1):
+        for cuts in combinations(range(1, steps), switches):
+            lengths = np.diff([0, *cuts, steps])
+            orders = (order for order in product(range(m), repeat=switches + 1) if all(np.diff(order)))
+            sequences += [np.repeat(order, lengths) for order in orders]
+    return np.array(sequences)
+
+
+def held_costs(modes):
+    """What each mode costs when held for ever, as a matrix; None where it isn't Schur."""
+    n, found = modes.A.shape[-1], []
+    for A, Q in zip(modes.A, modes.Q, strict=True):
+        P = np.linalg.solve(np.eye(n * n) - np.kron(A.T, A.T), Q.ravel()).reshape(n, n)
+        found.append(modes.dk * P if np.abs(np.linalg.eigvals(A)).max() < 1 else None)
+    return found
+
+
+def enumerated(modes, x0, rules, most, steps, beyond=50):
+    """The least cost of a run with at most so many switches, all in the first steps, that ends in one mode; or inf."""
+    sequences = with_few_switches(len(modes), steps, most)
+    start, _ = start_of(modes, rules)
+    before = np.column_stack([sequences[:, 0] if start is None else np.full(len(sequences), start), sequences[:, :-1]])
+    prices, fixed, by_w2 = costs_of(modes, rules)
+    ends = held_costs(modes)
+    final = np.array([P is not None and price == 0 for P, price in zip(ends, prices, strict=True)])
+    kept = final[sequences[:, -1]] & ((sequences != before).sum(axis=1) <= most)
+    sequences, before = sequences[kept], before[kept]
+
+    S = np.tile(np.outer(x0.mean, x0.mean) + x0.cov, (len(sequences), 1, 1))
+    costs = np.zeros(len(sequences))
+    for last, mode in zip(before.T, sequences.T, strict=True):
+        w2 = np.trace(S, axis1=1, axis2=2)
+        costs += np.where(mode != last, fixed[last, mode] + by_w2[last, mode] * w2, 0.0)
+        costs += modes.dk * ((modes.Q[mode] * S).sum(axis=(1, 2)) + prices[mode])
+        S = modes.A[mode] @ S @ np.swapaxes(modes.A[mode], 1, 2)
+    for i in np.flatnonzero(final):
+        costs += np.where(sequences[:, -1] == i, (ends[i] * S).sum(axis=(1, 2)), 0.0)
+
+    for place in np.argsort(costs):  # the first that obeys is the best, so few must be checked
+        sequence = sequences[place].tolist()
+        if not violations(modes, rules, sequence):
+            if not violations(modes, rules, sequence + [sequence[-1]] * beyond):
+                return costs[place]
+    return math.inf
+
+
+def run_of(result, least=45):
+    """The modes of a schedule, with at least so many of those that are repeated for ever."""
+    rounds = -(-least // len(result.tail))
+    return [*result.sequence.tolist(), *result.lead, *(result.tail * rounds)]
+
+
+def switches_of(modes, rules, run):
+    """The steps at which the mode changes."""
+    start, _ = start_of(modes, rules)
+    return np.flatnonzero(np.diff([run[0] if start is None else start, *run]))
+
+
+def check_few_switches(modes, x0, rules, most, steps, listed=None):
+    graph = graph_of(modes, rules)
+    if graph is None:
+        return
+    least = enumerated(modes, x0, rules, most, steps)
+    try:
+        result = schedule(modes, x0, FewSwitches(most), listed, graph)
+    except ValueError as error:
+        assert "held for ever at finite cost" in str(error)
+        assert least == math.inf, rules
+        return
+    run = run_of(result)
+    switches = switches_of(modes, rules, run)
+    assert violations(modes, rules, run) == []
+    assert len(result.tail) == 1
+    assert len(switches) <= most
+    assert result.cost == pytest.approx(true_cost(modes, x0, rules, run), rel=1e-9)
+    assert result.cost <= least * (1 + 1e-9), (rules, most)
+    if len(switches) == 0 or switches[-1] < steps:
+        assert result.cost == pytest.approx(least, rel=1e-9), (rules, most)
+
+
+@pytest.fixture
+def bounds_once(monkeypatch):
+    """Bounds that depend on the modes alone take half the time of FewSwitches here: compute them once a mode set."""
+    known = {}
+
+    def bounds(A, Q):
+        key = A.tobytes(), Q.tobytes()
+        if key not in known:
+            known[key] = lower_bounds(A, Q)
+        return known[key]
+
+    monkeypatch.setattr("switchctl.methods.few_switches.lower_bounds", bounds)
+
+
+@pytest.mark.slow
+@each_kind
+def test_few_switches_finds_the_optimum(kind, bounds_once):
+    for modes, x0, rules, rng in instances(kind, INSTANCES, 0, pool=100):
+        most = rng.choice(3, p=[0.2, 0.3, 0.5])
+        check_few_switches(modes, x0, rules, most, steps=8 if most == 2 else 10, listed=rng.choice([None, 1]))
+
+
+@each_kind
+def test_three_switches(kind):
+    for modes, x0, rules, _ in instances(kind, 10, 1):
+        check_few_switches(modes, x0, rules, 3, steps=7)
+
+
+@each_kind
+def test_the_graph_allows_what_can_go_on(kind):
+    for modes, _, rules, rng in instances(kind, 15, 2):
+        graph = graph_of(modes, rules)
+        if graph is None:
+            continue
+        node, run = 0, ()
+        for _ in range(8):
+            enough = len(run) + 25
+            goes_on = [longest_run(modes, rules, enough, (*run, i)) == enough for i in range(len(modes))]
+            assert (graph.successor[node] >= 0).tolist() == goes_on, (rules, run)
+            mode = int(rng.choice(np.flatnonzero(goes_on)))
+            node, run = graph.successor[node, mode], (*run, mode)
+
+
+METHODS = [
+    PointwiseMinimum(),
+    RecedingHorizon(3),
+    RecedingHorizon(6, hold=2),
+    RecedingHorizon(2, hold=4),
+    RecedingHorizon([5, 1, 2], hold=3),
+    RecedingHorizon(math.inf),
+    RecedingHorizon(math.inf, hold=3),
+    RecedingHorizon(3, decrease=0.3),
+    RecedingHorizon(4, hold=2, decrease=0.7),
+    Rollout(),
+    Refine(),
+    Refine(PointwiseMinimum()),
+    FewSwitches(1),
+    FewSwitches(2),
+]
+NO_WAY = "at finite cost|held for ever|costs infinitely much|needs a Schur mode|needs every mode to be Schur"
+
+
+def attempt(modes, x0, method, steps, graph):
+    """A schedule; None where the method says that there is no way for it."""
+    try:
+        return schedule(modes, x0, method, steps, graph)
+    except ValueError as error:
+        assert re.search(NO_WAY, str(error)), str(error)
+        return None
+
+
+def finite(modes, rules, word):
+    """Whether a word repeated for ever costs finitely much."""
+    prices, fixed, _ = costs_of(modes, rules)
+    step = reduce(np.matmul, [modes.A[i] for i in reversed(word)])
+    pairs = zip((word[-1], *word[:-1]), word, strict=True)
+    return not (
+        np.abs(np.linalg.eigvals(step)).max() >= 1
+        or any(prices[i] for i in word)
+        or any(fixed[pair] for pair in pairs if pair[0] != pair[1])
+    )
+
+
+def check_run(modes, x0, rules, result):
+    assert violations(modes, rules, run_of(result)) == []
+    assert math.isfinite(result.cost) == finite(modes, rules, result.tail)
+    if math.isfinite(result.cost):
+        run = run_of(result, 400)
+        assert result.cost == pytest.approx(true_cost(modes, x0, rules, run), rel=1e-9)
+        assert result.cost_parts == pytest.approx(true_parts(modes, x0, rules, run), rel=1e-9, abs=1e-9 * result.cost)
+
+
+@pytest.mark.slow
+@each_kind
+def test_every_method_obeys(kind):
+    for modes, x0, rules, rng in instances(kind, 12, 3):
+        graph = graph_of(modes, rules)
+        if graph is None:
+            continue
+        for method in rng.choice(np.array(METHODS, dtype=object), 5, replace=False):
+            steps = None if rng.random() < 0.5 else int(rng.integers(1, 9))
+            result = attempt(modes, x0, method, steps, graph)
+            if result is None:
+                continue
+            check_run(modes, x0, rules, result)
+            scheduler = method.start(SwitchingGraph(modes, rules))
+            online = [scheduler.step(result.mean[:, k], result.cov[k]) for k in range(len(result))]
+            assert online == result.sequence.tolist(), (rules, method)

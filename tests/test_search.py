@@ -1,0 +1,188 @@
+"""FewSwitches, Refine and trade_off on the paper's examples, and what the searches rest on."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from random_cases import random_gaussian, random_modes
+
+import switchctl.methods.refine
+from switchctl import (
+    Budget,
+    Constant,
+    FewSwitches,
+    Gaussian,
+    ModeSet,
+    RecedingHorizon,
+    Refine,
+    Rules,
+    Scheduler,
+    schedule,
+    trade_off,
+)
+from switchctl.methods.lower_bounds import lower_bounds
+from switchctl.methods.orbits import Orbit
+from switchctl.moments import svec
+
+
+def test_the_best_single_and_double_switch_of_the_quadrotor(quadrotor):
+    one = schedule(*quadrotor, FewSwitches(1))
+    assert one.switches == ((50, 1, 0),)
+    assert one.cost == pytest.approx(46.7176, abs=5e-5)
+    two = schedule(*quadrotor, FewSwitches(2))
+    assert two.switches == ((1, 0, 1), (27, 1, 0))
+    assert two.cost == pytest.approx(45.656, abs=5e-4)
+    three = schedule(*quadrotor, FewSwitches(3))
+    assert three.cost <= two.cost
+
+
+def test_sweeps_from_high_alone(quadrotor):
+    result = schedule(*quadrotor, Refine(Constant("high")))
+    assert result.statistics["start"] == pytest.approx(50.3714, abs=5e-5)
+    assert (result.statistics["sweeps"], result.statistics["moves"]) == (2, 0)
+    assert result.cost == pytest.approx(45.64859, abs=5e-6)
+
+
+def test_moves_leave_a_local_optimum_of_the_sweeps(quadrotor, monkeypatch):
+    base = RecedingHorizon(150, hold=50)
+    result = schedule(*quadrotor, Refine(base))
+    assert result.statistics["moves"] > 0
+    assert result.cost == pytest.approx(45.6486, abs=5e-5)
+    monkeypatch.setattr(switchctl.methods.refine._RefineScheduler, "_move", lambda self, path, S: path)
+    assert schedule(*quadrotor, Refine(base)).cost == pytest.approx(46.7102, abs=5e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("dwell", "cost"), [(5, 46.710234), (10, 46.710234), (25, 46.710234), (50, 46.713571)])
+def test_refining_under_dwell_times_comes_to_the_known_optima(quadrotor, dwell, cost):
+    result = schedule(*quadrotor, Refine(), rules=Rules(min_dwell=dwell))
+    assert result.cost == pytest.approx(cost, rel=1e-6)
+    assert min(result.dwell_times[:-1]) >= dwell
+
+
+def test_refining_the_first_example_comes_to_its_optimum(example):
+    assert schedule(*example, Refine()).cost == pytest.approx(77.77369815, abs=5e-9)
+
+
+def test_lower_bounds_are_below_every_sequence():
+    rng = np.random.default_rng(3)
+    for trial in range(30):
+        n, m = int(rng.integers(1, 4)), int(rng.integers(1, 4))
+        modes = ModeSet(random_modes(rng, n, m, (0.2, 0.7)), Q=np.diag([1.0] + [float(trial % 2)] * (n - 1)))
+        x0 = random_gaussian(rng, n)
+        bound = (lower_bounds(modes.A, modes.Q) @ svec(x0.second_moment)).max()
+        least = math.inf
+        for sequence in itertools.product(range(m), repeat=6):
+            S, cost = x0.second_moment, 0.0
+            for mode in sequence:
+                cost += np.sum(modes.Q[mode] * S)
+                S = modes.A[mode] @ S @ modes.A[mode].T
+            least = min(least, cost + min(np.sum(P * S) for P in modes.tails))
+        assert bound <= least * (1 + 1e-12)
+
+
+def test_an_orbit_is_the_powers():
+    rng = np.random.default_rng(1)
+    M, x = rng.standard_normal((3, 3)) / 2, rng.standard_normal(3)
+    for steps in (0, 1, 2, 7, 8, 13):
+        expected = [np.linalg.matrix_power(M, k) @ x for k in range(steps + 1)]
+        assert Orbit(M).from_(x, steps) == pytest.approx(np.array(expected))
+
+
+def test_few_switches_finds_a_late_opening():
+    # fast opens only after 3000 steps, long after slow has left nothing to gain: it must still be found legal to hold.
+    modes = ModeSet([[[0.5]], [[0.9]]], names=["fast", "slow"])
+    rules = Rules(allowed={"fast": [(3000, math.inf)]}, price={"slow": 1e-9})
+    result = schedule(modes, Gaussian([1.0], [[0.0]]), FewSwitches(1), rules=rules)
+    assert [*result.sequence, *result.lead].count(1) == 3000
+    assert result.tail == (0,)
+
+
+def test_few_switches_needs_a_mode_to_end_in(pair):
+    modes, x0 = pair
+    with pytest.raises(ValueError, match=r"FewSwitches\(1\) ends in a mode held for ever at finite cost, and Rules"):
+        schedule(modes, x0, FewSwitches(1), rules=Rules(max_dwell=9))
+    with pytest.raises(ValueError, match=r"FewSwitches\(0\)"):
+        schedule(modes, x0, FewSwitches(0), rules=Rules(price={"fast": 1}, start=("fast", 1)))
+    for wrong in (-1, 1.5):
+        with pytest.raises(ValueError, match="max_switches"):
+            FewSwitches(wrong)
+
+
+def test_refine_says_what_it_needs():
+    with pytest.raises(TypeError, match="base must be a Method"):
+        Refine("rollout")
+    with pytest.raises(ValueError, match="the schedule to refine costs infinitely much"):
+        schedule(ModeSet([[[1.1]], [[1.2]]]), Gaussian([1.0], [[0.0]]), Refine(Constant(0)), steps=3)
+
+
+@pytest.mark.parametrize(
+    ("method", "place", "calls"),
+    [
+        (Refine(Constant("high")), "switchctl.methods.refine._RefineScheduler._sweep", 2),
+        (FewSwitches(2), "switchctl.methods.few_switches._FewSwitchesScheduler._hold", 2),
+    ],
+)
+def test_ctrl_c_returns_the_best_so_far(quadrotor, monkeypatch, method, place, calls):
+    *module, kind, name = place.split(".")
+    owner = getattr(__import__(".".join(module), fromlist=[kind]), kind)
+    original, count = getattr(owner, name), itertools.count(1)
+
+    def interrupted(self, *arguments):
+        if next(count) == calls:
+            raise KeyboardInterrupt
+        return original(self, *arguments)
+
+    monkeypatch.setattr(owner, name, interrupted)
+    result = schedule(*quadrotor, method)
+    assert result.status == "interrupted"
+    assert math.isfinite(result.cost)
+    assert result.cost < 52.6
+
+
+def test_a_plan_is_followed_whatever_comes(pair):
+    modes, x0 = pair
+    planned = schedule(modes, x0, FewSwitches(1))
+    scheduler: Scheduler = FewSwitches(1).start(modes)
+    assert [scheduler.step(x0.mean, x0.cov), *(scheduler.step([9.0, 9.0]) for _ in range(9))] == list(
+        planned.sequence[:10]
+    )
+    scheduler.reset()
+    assert scheduler.step(x0.mean, x0.cov) == planned.sequence[0]
+    for steps in (1, 4, 7, 8, 30):  # cut short, the rest of the plan leads to the tail
+        cut = schedule(modes, x0, FewSwitches(1), steps=steps)
+        assert cut.cost == pytest.approx(planned.cost, rel=1e-12)
+
+
+def test_a_trade_off_never_rewards_a_tighter_rule(example):
+    modes, x0 = example
+    dwell = trade_off(modes, x0, over="min_dwell", values=[1, 2, 3, 5, 8])
+    costs = [row["cost"] for row in dwell.rows()]
+    assert costs == sorted(costs)
+    assert costs[0] == pytest.approx(77.77369815)
+    price = trade_off(modes, x0, values=[0, 0.1, 1, 10, 100])
+    switches = [row["switches"] for row in price.rows()]
+    assert [row["cost"] for row in price.rows()] == sorted(row["cost"] for row in price.rows())
+    assert switches == sorted(switches, reverse=True)
+    assert switches[-1] == 0
+    budget = trade_off(modes, x0, Rules(budget=Budget(use={"A1": 1, "A2": 1}, limit=4)), over="budget")
+    costs = [row["cost"] for row in budget.rows()]
+    assert costs == sorted(costs, reverse=True)
+    assert all(row["use"] <= row["value"] for row in budget.rows())
+
+
+def test_a_trade_off_tells_what_cannot_be(pair):
+    modes, x0 = pair
+    result = trade_off(modes, x0, Rules(max_dwell=12), over="min_dwell", values=[1, 12, 20])
+    assert result.schedules[2] is None
+    assert repr(result).splitlines()[-1].split() == ["20", "-", "-", "-", "-"]
+    for keywords, error, words in (
+        ({"over": "dwell"}, ValueError, "over is 'dwell'; expected"),
+        ({"over": "budget"}, ValueError, "the rules have none"),
+        ({"values": []}, ValueError, "values is empty"),
+        ({"values": "12"}, TypeError, "values must be a sequence"),
+        ({"values": [-1]}, ValueError, "switch_cost is -1"),
+    ):
+        with pytest.raises(error, match=words):
+            trade_off(modes, x0, **keywords)
