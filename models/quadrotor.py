@@ -13,7 +13,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl import Gaussian, Method, ModeSet, RecedingHorizon, close_loops
+from switchctl import Budget, Gaussian, Method, ModeSet, RecedingHorizon, Rules, close_loops
 
 PARAMETERS = {
     "g": 9.81,  # m/s2
@@ -182,3 +182,11 @@ def modes(discretize: Literal["plant", "closed_loop"] = "plant") -> ModeSet:
 def method() -> Method:
     """T = 150, hold = 50: one switch near k = 50, the paper's picture."""
     return RecedingHorizon(horizon=150, hold=50)
+
+
+def rules() -> Rules:
+    """Ration C_high, which uses more computing time and energy (the paper gives no figures): 2 s in all.
+
+    Either controller acts for 0.1 s at least.
+    """
+    return Rules(min_dwell=10, budget=Budget(use={"high": 1}, limit=200))

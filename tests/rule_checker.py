@@ -19,7 +19,7 @@ def violations(modes, rules, sequence):
             runs.insert(0, (start, age))
     found = []
 
-    least, most = (_by_mode(modes, value, free) for value, free in ((rules.min_dwell, 1), (rules.max_dwell, math.inf)))
+    least, most = _by_mode(modes, rules.min_dwell, 0), _by_mode(modes, rules.max_dwell, math.inf)
     for number, (mode, length) in enumerate(runs):
         if number < len(runs) - 1 and length < math.ceil(_steps(modes, rules, least[mode])):  # the last run is cut
             found.append(f"run {number} of mode {mode} lasts {length} steps, too short")
@@ -40,22 +40,23 @@ def violations(modes, rules, sequence):
                 found.append(f"{sum(used)} used")
         else:
             window = math.ceil(_steps(modes, rules, rules.budget.window))
-            history = ([] if start is None else [use[start]] * age) + used
-            for end in range(len(history) - len(used) + 1, len(history) + 1):  # before the start nobody can help it
+            past = [] if start is None else [use[start]] * age
+            history = past + used
+            for k in range(len(used)):
+                end = len(past) + k + 1
                 if sum(history[max(0, end - window) : end]) > limit:
-                    found.append(
-                        f"too much used in the window that ends with step {end - 1 + len(used) - len(history)}"
-                    )
+                    found.append(f"too much used in the window that ends with step {k}")
 
     if rules.allowed is not None:
-        intervals = {_index(modes, mode): given for mode, given in rules.allowed.items()}
         step = _exact(modes.dt) if rules.time_unit == "s" else 1
+        intervals = {
+            _index(modes, mode): [(_exact(begin), _exact(end)) for begin, end in given]
+            for mode, given in rules.allowed.items()
+        }
         period = None if rules.allowed_period is None else int(_steps(modes, rules, rules.allowed_period))
         for k, mode in enumerate(sequence):
-            begin = (k if period is None else k % period) * step
-            if mode in intervals and not any(
-                _exact(since) <= begin and begin + step <= _exact(until) for since, until in intervals[mode]
-            ):
+            time = (k if period is None else k % period) * step
+            if mode in intervals and not any(begin <= time and time + step <= end for begin, end in intervals[mode]):
                 found.append(f"mode {mode} at step {k}, when it is not available")
     return found
 
@@ -83,10 +84,8 @@ def costs_of(modes, rules):
     """The price of each mode above the cheapest, and the costs of switches, fixed and by W2."""
     m = len(modes.names)
     price = np.array(_by_mode(modes, rules.price, 0.0))
-    pairs = [
-        np.broadcast_to(np.array(cost, dtype=float), (m, m)) for cost in (rules.switch_cost, rules.switch_cost_per_w2)
-    ]
-    return price - price.min(), *pairs
+    fixed, by_w2 = (np.broadcast_to(np.asarray(c), (m, m)) for c in (rules.switch_cost, rules.switch_cost_per_w2))
+    return price - price.min(), fixed, by_w2
 
 
 def start_of(modes, rules):
@@ -102,8 +101,8 @@ def _index(modes, mode):
 
 def _by_mode(modes, value, free):
     m = len(modes.names)
-    if isinstance(value, (int, float)):
-        return [value] * m
+    if value is None or isinstance(value, (int, float)):
+        return [free if value is None else value] * m
     if isinstance(value, tuple):
         return list(value)
     values = [free] * m

@@ -201,7 +201,8 @@ def some_modes(rng, seconds=False):
     n, m = rng.integers(1, 4), rng.integers(2, 4)
     A = random_modes(rng, n, m, radius=(0.2, 0.6))
     if rng.random() < 0.3:
-        A[rng.integers(m)] *= 3.0
+        i = rng.integers(m)
+        A[i] *= rng.uniform(1.05, 1.8) / np.abs(np.linalg.eigvals(A[i])).max()
     Q = None
     if rng.random() < 0.5:
         roots = rng.standard_normal((m, n, rng.integers(1, n + 1)))

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, Method, Scheduler
 from switchctl.methods.lower_bounds import lower_bounds
-from switchctl.methods.orbits import Orbit, held_nodes, periods
+from switchctl.methods.orbits import Orbit, held_nodes
 from switchctl.methods.planning import Plan, PlanningScheduler
 from switchctl.methods.prediction import CEILING
 from switchctl.modes import ModeSet
@@ -70,7 +70,6 @@ class FewSwitches(Method):
 class _Block(NamedTuple):
     """A mode held from a node: the nodes, moments and costs so far after k = 0, 1, .. steps."""
 
-    mode: int
     nodes: NDArray[np.intp]
     moments: Array
     costs: Array
@@ -89,7 +88,7 @@ class _FewSwitchesScheduler(PlanningScheduler):
         final = [P is not None and graph.price[i] == 0 for i, P in enumerate(modes.tails)]
         self.final = np.isinf(graph.holds) & final  # which mode may be held for ever at finite cost from a node
         self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
-        self.bounds, self.periods = lower_bounds(modes.A, modes.Q), periods(graph)
+        self.bounds = lower_bounds(modes.A, modes.Q)
         self.suffixes: dict[tuple[int, int], Array] = {}
         if fewest_switches(graph, self.final) > max_switches:
             raise ValueError(
@@ -166,16 +165,11 @@ class _FewSwitchesScheduler(PlanningScheduler):
             costs = np.concatenate([[0.0], np.cumsum(stage)]) + cost
             finite = np.isfinite(costs) & np.isfinite(moments).all(axis=1)
             over = ~finite | ~self._worth(np.where(finite, costs, np.inf), np.where(finite[:, None], moments, 0.0))
-            # Held for ever, it costs as much as whatever comes when nothing is left; but a rule may open a way later.
-            gone = (
-                self.final[nodes, i] & (moments @ self.tails[i] <= _NEGLIGIBLE * costs) & (self.periods[nodes, i] > 0)
-            )
-            ends = [int(over.argmax())] if over.any() else []
-            if gone.any():
-                ends.append(int(gone.argmax() + self.periods[nodes, i][gone.argmax()]))
-            end = min(ends, default=len(costs))
+            # Held for ever, it costs as much as anything that can come when nothing is left.
+            gone = self.final[nodes, i] & (moments @ self.tails[i] <= _NEGLIGIBLE * costs)
+            end = int((over | gone).argmax()) if (over | gone).any() else len(costs)
             if end < len(costs) or len(nodes) <= length or length >= CEILING:
-                return _Block(i, nodes[:end], moments[:end], costs[:end])
+                return _Block(nodes[:end], moments[:end], costs[:end])
             length *= 4
 
     def _suffix(self, j: int, last: int) -> Array:
@@ -194,10 +188,10 @@ class _FewSwitchesScheduler(PlanningScheduler):
         """Mode i for ``first`` steps, j for t steps, each last mode for ever: every pair of instants at once."""
         graph, t = self.graph, np.arange(1, _CHUNK + 1)
         lasts = [last for last in range(len(self.modes)) if last != j]
-        done, idle = 0, np.zeros(len(first), dtype=np.intp)
+        done = 0
         while len(first) and done < CEILING:
-            after = np.empty((len(first), _CHUNK), dtype=np.intp)  # the node after t steps of j; -1 where there is none
-            for step in range(_CHUNK):
+            after = np.zeros((len(first), _CHUNK), dtype=np.intp)  # the node after t steps of j; -1 for none
+            for step in range(0 if graph.free else _CHUNK):
                 nodes = after[:, step] = np.where(nodes >= 0, graph.successor[nodes, j], -1)
             for last in lasts:
                 allowed = (after >= 0) & self.final[after, last]
@@ -210,13 +204,10 @@ class _FewSwitchesScheduler(PlanningScheduler):
             done += _CHUNK
             costs = costs + moments @ self._suffix(j, -1)[-1] + _CHUNK * graph.price[j]
             moments = moments @ self.orbits[j].square(_CHUNK.bit_length() - 1).T
-            settled = (
-                self.final[nodes, j] & (moments @ self.tails[j] <= _NEGLIGIBLE * costs) & (self.periods[nodes, j] > 0)
-            )
-            going = (nodes >= 0) & np.isfinite(costs) & (~settled | (idle < self.periods[nodes, j]))
-            idle = np.where(settled, idle + _CHUNK, 0)
+            gone = self.final[nodes, j] & (moments @ self.tails[j] <= _NEGLIGIBLE * costs)
+            going = (nodes >= 0) & np.isfinite(costs) & ~gone
             going[going] &= self._worth(costs[going], moments[going])
-            first, nodes, moments, costs, idle = first[going], nodes[going], moments[going], costs[going], idle[going]
+            first, nodes, moments, costs = first[going], nodes[going], moments[going], costs[going]
 
 
 def start_mode(graph: SwitchingGraph) -> int:

@@ -41,21 +41,3 @@ def held_nodes(graph: SwitchingGraph, node: int, mode: int, steps: int) -> NDArr
     while len(nodes) <= steps and (node := int(successor[node])) >= 0:
         nodes.append(node)
     return np.array(nodes, dtype=np.intp)
-
-
-def periods(graph: SwitchingGraph) -> NDArray[np.intp]:
-    """After how many steps of a mode the run is back in a node, shape (nodes, m); 0 for never."""
-    V, m = graph.successor.shape
-    found = np.zeros((V, m), dtype=np.intp)
-    for mode, successor in enumerate(graph.successor.T.tolist()):
-        visit = [-1] * V  # the first node of the walk that came by
-        for first in range(V):
-            v, walk = first, []
-            while v >= 0 and visit[v] < 0:
-                visit[v] = first
-                walk.append(v)
-                v = successor[v]
-            if v >= 0 and visit[v] == first:
-                cycle = walk[walk.index(v) :]
-                found[cycle, mode] = len(cycle)
-    return found
