@@ -208,6 +208,12 @@ class SwitchingGraph:
         return frozen(steps[:V])
 
     @property
+    def start_mode(self) -> int:
+        """The mode before the first step; -1 for none."""
+        start = self._memory.limits.start
+        return -1 if start is None else start[0]
+
+    @property
     def window(self) -> int | None:
         """The steps of the budget's window; None where it is the whole run."""
         return self._memory.limits.window

@@ -241,14 +241,20 @@ class Schedule:
 
     @cached_property
     def switches(self) -> tuple[Switch, ...]:
-        """Every change of mode: its step, the mode before and the mode after."""
-        s = self.sequence
-        return tuple(Switch(int(k), int(s[k - 1]), int(s[k])) for k in np.flatnonzero(np.diff(s)) + 1)
+        """Every change of mode, also from the rules' start: its step, the mode before and the mode after."""
+        s, start = self.sequence, self.graph.start_mode
+        first = (Switch(0, start, int(s[0])),) if start not in (-1, s[0]) else ()
+        return first + tuple(Switch(int(k), int(s[k - 1]), int(s[k])) for k in np.flatnonzero(np.diff(s)) + 1)
 
     @property
     def dwell_times(self) -> NDArray[np.intp]:
         """Lengths in steps of the runs of one mode, first to last (the last is cut by the schedule's end)."""
-        return np.diff([0, *(switch.step for switch in self.switches), len(self)]).astype(np.intp)
+        return np.diff([*self.run_starts, len(self)]).astype(np.intp)
+
+    @property
+    def run_starts(self) -> NDArray[np.intp]:
+        """The steps at which the runs of one mode begin, the first of them 0."""
+        return np.concatenate([[0], np.flatnonzero(np.diff(self.sequence)) + 1])
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the schedule as a table with one row a step: k, time, index, name, w2. Needs pandas.

@@ -98,24 +98,19 @@ class TradeOff:
 def _record(result: Schedule | None) -> dict[str, Any]:
     if result is None:
         return dict.fromkeys(("cost", "state", "switches", "dwell", "use"))
-    run = np.array([*result.sequence, *result.lead, *result.tail, result.tail[0]])
+    run = np.array([*result.sequence, *result.lead, *result.tail, *result.tail])
     changes = np.flatnonzero(np.diff(run)) + 1
-    begins = changes if result.graph.rules.start is not None else [0, *changes]  # of the dwells seen whole
+    new = result.graph.start_mode != result.sequence[0]  # whether the first dwell begins with the run
+    dwells = np.diff([0, *changes] if new else changes)
     for_ever = len(set(result.tail)) > 1
     use, tail = result.graph.resource_use, np.array(result.tail)
     return {
         "cost": result.cost,
         "state": result.cost_parts.state,
-        "switches": np.inf if for_ever else len(changes) + int(_first_switch(result)),
-        "dwell": int(np.diff(begins).min()) if len(begins) > 1 else np.inf,
+        "switches": np.inf if for_ever else len(changes) + int(new and result.graph.start_mode >= 0),
+        "dwell": int(dwells.min()) if len(dwells) else np.inf,
         "use": None if use is None else np.inf if use[tail].any() else float(use[run].sum()),
     }
-
-
-def _first_switch(result: Schedule) -> bool:
-    """Whether the first step leaves the mode that was active before."""
-    start = result.graph.rules.start
-    return start is not None and result.modes.index(start[0]) != result.sequence[0]
 
 
 def trade_off(

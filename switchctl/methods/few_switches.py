@@ -55,7 +55,7 @@ class FewSwitches(Method):
     --------
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
     >>> schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), FewSwitches(1)).switches
-    (Switch(step=7, before=1, after=0),)
+    (Switch(step=12, before=1, after=0),)
     """
 
     max_switches: int
@@ -99,7 +99,7 @@ class _FewSwitchesScheduler(PlanningScheduler):
     def search(self, S: Array) -> Plan:
         self.best, self.compared = np.inf, 0
         self.blocks: list[tuple[int, int]] = []  # modes and steps, the last one for ever
-        graph, s, before = self.graph, svec(S), start_mode(self.graph)
+        graph, s, before = self.graph, svec(S), self.graph.start_mode
         firsts = np.flatnonzero(graph.successor[0] >= 0).tolist()
         try:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -210,14 +210,9 @@ class _FewSwitchesScheduler(PlanningScheduler):
             first, nodes, moments, costs = first[going], nodes[going], moments[going], costs[going]
 
 
-def start_mode(graph: SwitchingGraph) -> int:
-    """The mode before the first step; -1 for none."""
-    return -1 if graph.rules.start is None else graph.modes.index(graph.rules.start[0])
-
-
 def fewest_switches(graph: SwitchingGraph, final: NDArray[np.bool_]) -> float:
     """The fewest switches after which a final mode can be held."""
-    first = (0, start_mode(graph))
+    first = (0, graph.start_mode)
     switches, queue = {first: 0}, deque([first])
     while queue:
         node, before = queue.popleft()

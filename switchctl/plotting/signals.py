@@ -160,9 +160,10 @@ def plot_schematic(
         If the schedule never switches.
     """
     require(schedule, Schedule, "plot_schematic")
-    if not schedule.switches:
+    switches = [switch for switch in schedule.switches if switch.step > 0]
+    if not switches:
         raise ValueError("the schedule never switches, so there is nothing to show; give one with a switch")
-    modes, first = schedule.modes, schedule.switches[0]
+    modes, first = schedule.modes, switches[0]
     stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule], stop)
     ax = one_axes(ax)
     t = np.arange(stop) * modes.dk
@@ -189,7 +190,7 @@ def plot_schematic(
 def _draw_signal(ax: Axes, schedule: Schedule, stop: int) -> None:
     """One row a mode, filled while the mode is active."""
     dk = schedule.modes.dk
-    starts = np.array([0, *(s.step for s in schedule.switches)])
+    starts = schedule.run_starts
     starts, lengths = starts[starts < stop], schedule.dwell_times[: np.count_nonzero(starts < stop)]
     lengths = np.minimum(starts + lengths, stop) - starts
     for i, name in enumerate(schedule.modes.names):
@@ -205,7 +206,7 @@ def _draw_signal(ax: Axes, schedule: Schedule, stop: int) -> None:
 def _draw_strips(ax: Axes, schedules: dict[str, Schedule], stop: int) -> None:
     """One row a schedule, coloured by the active mode."""
     for place, schedule in enumerate(schedules.values()):
-        dk, starts = schedule.modes.dk, [0, *(s.step for s in schedule.switches)]
+        dk, starts = schedule.modes.dk, schedule.run_starts
         runs = [(dk * a, dk * b) for a, b in zip(starts, schedule.dwell_times, strict=True)]
         ax.broken_barh(runs, (place - 0.4, 0.8), color=[mode_style(schedule.sequence[a])["color"] for a in starts])
     ax.set_yticks(range(len(schedules)), [wrapped(label) for label in schedules], fontsize="x-small")
