@@ -156,12 +156,12 @@ def trade_off(
     Examples
     --------
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
-    >>> trade_off(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), over="min_dwell", values=[1, 10, 20])
+    >>> trade_off(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), over="min_dwell", values=[1, 20, 40])
     min dwell     cost  of which state  switches  shortest dwell
     ---------  -------  --------------  --------  --------------
-    1          14.4326         14.4326         1               6
-    10         15.0194         15.0194         1              10
-    20         17.0654         17.0654         1              20
+    1          14.4423         14.4423         1              12
+    20         15.8208         15.8208         1              20
+    40          18.647          18.647         1              40
     """
     check_state(modes, x0)
     rules, method = Rules() if rules is None else rules, Refine() if method is None else method

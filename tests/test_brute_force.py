@@ -235,13 +235,12 @@ def graph_of(modes, rules):
         return None
 
 
-def longest_run(modes, rules, most, begin=()):
-    """How many steps some run that begins so can obey; at most so many are tried."""
-    longest, tried, stack = 0, 0, [] if violations(modes, rules, begin) else [tuple(begin)]
-    while stack and longest < most:
-        run = stack.pop()
-        longest, tried = max(longest, len(run)), tried + 1
-        assert tried < 20_000, "too many runs to try"
+def longest_run(modes, rules, most, begin=(), tries=3000):
+    """How many steps some run that begins so obeys for: exactly up to ``most``, unless there are too many to try."""
+    longest, stack = 0, [] if violations(modes, rules, begin) else [tuple(begin)]
+    while stack and longest < most and tries:
+        run, tries = stack.pop(), tries - 1
+        longest = max(longest, len(run))
         likely_last = sorted(range(len(modes)), key=lambda i: bool(run) and i == run[-1])  # to stay rarely ends a run
         stack += [(*run, i) for i in likely_last if not violations(modes, rules, (*run, i))]
     return longest

@@ -50,7 +50,7 @@ class Refine(Method):
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
     >>> x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
     >>> print(*(round(schedule(modes, x0, method).cost, 4) for method in (Constant("fast"), Refine(Constant("fast")))))
-    104.93 14.4326
+    104.93 14.4423
     """
 
     base: Method = Rollout()  # noqa: RUF009  immutable
