@@ -138,14 +138,18 @@ class Continuations:
 
     def path(self, v: int, number: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """The modes of a way from a node: those taken once, and the word repeated for ever after."""
-        way = self.ways[number]
-        seen: dict[int, int] = {}
-        modes: list[int] = []
-        while v not in seen:
-            seen[v] = len(modes)
-            modes.append(int(way.policy[v]))
-            v = int(self.graph.successor[v, way.policy[v]])
-        return shortest(tuple(modes[: seen[v]]), tuple(modes[seen[v] :]))
+        return policy_path(self.graph, self.ways[number].policy, v)
+
+
+def policy_path(graph: SwitchingGraph, policy: Nodes, v: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The modes of a policy on the nodes from one of them: those taken once, and the word repeated for ever after."""
+    seen: dict[int, int] = {}
+    modes: list[int] = []
+    while v not in seen:
+        seen[v] = len(modes)
+        modes.append(int(policy[v]))
+        v = int(graph.successor[v, modes[-1]])
+    return shortest(tuple(modes[: seen[v]]), tuple(modes[seen[v] :]))
 
 
 def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:

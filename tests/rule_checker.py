@@ -70,7 +70,7 @@ def true_parts(modes, x0, rules, sequence):
     for mode in sequence:
         if before is not None and mode != before:
             switching += fixed[before, mode] + by_w2[before, mode] * np.trace(S)
-        state += modes.dk * np.trace(modes.Q[mode] @ S)
+        state += modes.dk * np.vdot(modes.Q[mode], S)
         running += modes.dk * price[mode]
         S, before = modes.A[mode] @ S @ modes.A[mode].T, mode
     return state, switching, running

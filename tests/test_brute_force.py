@@ -28,7 +28,8 @@ from switchctl import (
 )
 from switchctl.methods.lower_bounds import lower_bounds
 
-INSTANCES = 500
+INSTANCES = 500  # of each kind of rule
+REFINED = 1000
 PERIODS = (0.1, 0.25, 0.3)  # s; as floats no multiple of them is exact
 
 
@@ -231,11 +232,13 @@ def graph_of(modes, rules):
     except ContradictionError as error:
         told = re.search(r"ends after at most (\d+) step", str(error))
         most = int(told[1]) if told else 0
+        if rules.start is not None:  # the most is told of the rules without it, and an age lets a dwell end sooner
+            most += start_of(modes, rules)[1]
         assert longest_run(modes, rules, most + 1) <= most, (rules, str(error))
         return None
 
 
-def longest_run(modes, rules, most, begin=(), tries=3000):
+def longest_run(modes, rules, most, begin=(), tries=1000):
     """How many steps some run that begins so obeys for: exactly up to ``most``, unless there are too many to try."""
     longest, stack = 0, [] if violations(modes, rules, begin) else [tuple(begin)]
     while stack and longest < most and tries:
@@ -281,7 +284,7 @@ def enumerated(modes, x0, rules, most, steps, beyond=50):
     S = np.tile(np.outer(x0.mean, x0.mean) + x0.cov, (len(sequences), 1, 1))
     costs = np.zeros(len(sequences))
     for last, mode in zip(before.T, sequences.T, strict=True):
-        w2 = np.trace(S, axis1=1, axis2=2)
+        w2 = np.einsum("bii->b", S)
         costs += np.where(mode != last, fixed[last, mode] + by_w2[last, mode] * w2, 0.0)
         costs += modes.dk * ((modes.Q[mode] * S).sum(axis=(1, 2)) + prices[mode])
         S = modes.A[mode] @ S @ np.swapaxes(modes.A[mode], 1, 2)
@@ -347,7 +350,7 @@ def bounds_once(monkeypatch):
 @pytest.mark.slow
 @each_kind
 def test_few_switches_finds_the_optimum(kind, bounds_once):
-    for modes, x0, rules, rng in instances(kind, INSTANCES, 0, pool=100):
+    for modes, x0, rules, rng in instances(kind, INSTANCES if kind is not seconds else 200, 0, pool=100):
         most = rng.choice(3, p=[0.2, 0.3, 0.5])
         check_few_switches(modes, x0, rules, most, steps=8 if most == 2 else 10, listed=rng.choice([None, 1]))
 
@@ -360,7 +363,7 @@ def test_three_switches(kind):
 
 @each_kind
 def test_the_graph_allows_what_can_go_on(kind):
-    for modes, _, rules, rng in instances(kind, 15, 2):
+    for modes, _, rules, rng in instances(kind, 10, 2):
         graph = graph_of(modes, rules)
         if graph is None:
             continue
@@ -430,7 +433,9 @@ def test_every_method_obeys(kind):
         if graph is None:
             continue
         for method in rng.choice(np.array(METHODS, dtype=object), 5, replace=False):
-            steps = None if rng.random() < 0.5 else int(rng.integers(1, 9))
+            steps = rng.choice([None, 1, 4, 9])
+            if steps is None and rules.price != 0:
+                steps = 200  # a short horizon may hover for ever where a price is worth more than the state
             result = attempt(modes, x0, method, steps, graph)
             if result is None:
                 continue
@@ -438,3 +443,85 @@ def test_every_method_obeys(kind):
             scheduler = method.start(SwitchingGraph(modes, rules))
             online = [scheduler.step(result.mean[:, k], result.cov[k]) for k in range(len(result))]
             assert online == result.sequence.tolist(), (rules, method)
+
+
+@each_kind
+def test_constant_holds_as_soon_as_the_rules_allow(kind):
+    for modes, x0, rules, rng in instances(kind, 10, 4):
+        graph = graph_of(modes, rules)
+        if graph is None:
+            continue
+        mode = int(rng.integers(len(modes)))
+        result = attempt(modes, x0, Constant(mode), 40, graph)
+        earliest = 5
+        if result is not None:
+            assert violations(modes, rules, result.sequence) == []
+            earliest = max((k + 1 for k, i in enumerate(result.sequence) if i != mode), default=0)
+        for steps in range(min(earliest, 5)):
+            for before in product(range(len(modes)), repeat=steps):
+                assert violations(modes, rules, [*before, *[mode] * 40]), (rules, before, mode)
+
+
+@each_kind
+def test_methods_that_look_to_the_end_cost_no_more_than_any_mode_held(kind):
+    for modes, x0, rules, rng in instances(kind, 10, 5):
+        graph = graph_of(modes, rules)
+        if graph is None:
+            continue
+        held = [attempt(modes, x0, Constant(mode), 60, graph) for mode in range(len(modes))]
+        costs = [
+            true_cost(modes, x0, rules, result.sequence)
+            for mode, result in enumerate(held)
+            if result is not None and finite(modes, rules, (mode,))
+        ]
+        for method in (Rollout(), RecedingHorizon(math.inf), RecedingHorizon(math.inf, hold=3)):
+            result = attempt(modes, x0, method, rng.choice([None, 3]), graph)
+            if costs:
+                assert result.cost <= min(costs) * (1 + 1e-9), (rules, method)
+
+
+BASES = [
+    Rollout(),
+    PointwiseMinimum(),
+    RecedingHorizon(4),
+    RecedingHorizon(3, hold=3),
+    RecedingHorizon(math.inf, hold=2),
+    FewSwitches(1),
+    Constant(0),
+]
+
+
+@pytest.mark.slow
+def test_refine_never_costs_more_than_its_base():
+    compared = improved = 0
+    for kind in KINDS:
+        for modes, x0, rules, rng in instances(kind, -(-REFINED // len(KINDS)), 6):
+            graph = graph_of(modes, rules)
+            base = BASES[rng.integers(len(BASES))]
+            if graph is None or (result := attempt(modes, x0, base, 200, graph)) is None:
+                continue
+            refined = attempt(modes, x0, Refine(base), 1, graph)
+            assert (refined is not None) == math.isfinite(result.cost)
+            if refined is not None:
+                assert refined.cost <= result.cost * (1 + 1e-9), (rules, base)
+                assert violations(modes, rules, run_of(refined)) == []
+                compared, improved = compared + 1, improved + (refined.cost < result.cost * (1 - 1e-9))
+    print(compared, improved)
+    assert compared >= 0.7 * REFINED
+    assert improved >= 0.1 * compared
+
+
+@pytest.mark.slow
+def test_rules_that_forbid_nothing_change_nothing():
+    for modes, x0, _, rng in instances(none, 12, 7):
+        m = len(modes)
+        free = Rules(min_dwell=1, switch_cost=0, transitions=np.ones((m, m)))
+        steps = rng.choice([None, 5])
+        for method in [*METHODS, *map(Constant, range(m))]:
+            plain, *others = [attempt(modes, x0, method, steps, rules) for rules in (None, Rules(), free)]
+            for other in others:
+                assert (plain is None) == (other is None)
+                if plain is not None:
+                    assert plain.sequence.tobytes() == other.sequence.tobytes()
+                    assert (plain.lead, plain.tail, plain.cost) == (other.lead, other.tail, other.cost)
+                    assert plain.cost_parts == other.cost_parts

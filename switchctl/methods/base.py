@@ -161,12 +161,12 @@ class Scheduler(ABC):
         Returns
         -------
         lead, word : tuples of int
-            The modes taken once, and those repeated for ever after. Unless a method knows better, the last mode, held;
-            where the rules forbid that, or a running price makes it infinitely expensive, the cheapest way on.
+            The modes taken once, and those repeated for ever after. Unless a method knows better: without rules the
+            last mode, held; under rules the cheapest way on.
         """
-        held = np.isinf(self.graph.holds[self.node, self.last])
-        if held and self.graph.price[self.last] == 0:
+        if self.graph.free and self.graph.price[self.last] == 0:
             return (), (self.last,)
+        held = np.isinf(self.graph.holds[self.node, self.last])
         return self.cheapest_way(S) or (((), (self.last,)) if held else self.graph.wander(self.node))
 
     def cheapest_way(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]] | None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from switchctl.continuation import Continuations, Nodes, way_to_hold
+from switchctl.continuation import Continuations, Nodes, policy_path, way_to_hold
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, check_state, least_cost
@@ -50,6 +50,9 @@ class _ConstantScheduler(Scheduler):
 
     def decide(self, S: Array) -> int:
         return int(self.policy[self.node])
+
+    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return policy_path(self.graph, self.policy, self.node)
 
 
 def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:

@@ -188,14 +188,17 @@ class _RefineScheduler(PlanningScheduler):
         total = costs[-1] + self._switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1]
         nodes = graph.walk(path)
         before = np.append(graph.last_mode[:1], path)
-        left = np.flatnonzero(total - costs > _WORTH * total)[-1] + 1  # later changes gain too little
-        k = self._positions(path, int(left))
+        left = int((total - costs > _WORTH * total).sum())  # a change after so many steps gains too little
+        if left == 0:
+            return path
+        k = self._positions(path, left)
         t = np.append(k[k > 0], len(path))
         follows = np.vstack([rest.follows[t].T, np.zeros((1, len(t)), dtype=bool)])  # the last row, -1, is nowhere
         best, found = total, path
         for i in range(len(self.modes)):
             P, constants = self._before(rest, i, t)
             prefixes = costs[k] + self._switch(before[k], i, moments[k])
+            begun = np.column_stack([moments[k], prefixes, np.ones(len(k))])
             heads = nodes[k]
             for shorter, length in pairwise([0, *self.lengths]):
                 for _ in range(length - shorter):
@@ -203,8 +206,9 @@ class _RefineScheduler(PlanningScheduler):
                     heads = np.where(heads >= 0, graph.successor[heads, i], -1)
                 if (heads < 0).all():
                     break
-                candidates = moments[k] @ P.T + prefixes[:, None] + constants
-                candidates[~follows[heads]] = np.inf
+                candidates = begun @ np.column_stack([P, np.ones(len(t)), constants]).T
+                if not graph.free:
+                    candidates[~follows[heads]] = np.inf
                 place = int(candidates.argmin())
                 if candidates.flat[place] < best:
                     best, (row, column) = candidates.flat[place], divmod(place, len(t))
