@@ -4,5 +4,5 @@ Every module says where its numbers come from and offers ``plant()``, ``controll
 ``modes()`` and ``method()``, the method that shows it best.
 """
 
-NAMES = ("five_mode", "quadrotor", "servo", "suspension")
+NAMES = ("five_mode", "medium_access", "quadrotor", "servo", "suspension")
 """The bundled models."""

@@ -39,6 +39,8 @@ def read_system(document: Mapping[str, Any]) -> tuple[SwitchingGraph, Gaussian]:
         states=read_list(document["states"]),
     )
     told = _read(document["rules"])
+    if not isinstance(told, dict):
+        raise TypeError(f"{told!r} stands where rules should")
     if told.get("budget") is not None:
         told["budget"] = Budget(**told["budget"])
     rules, edges = Rules(**told), document["edges"]

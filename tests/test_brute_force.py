@@ -29,7 +29,7 @@ from switchctl import (
 from switchctl.methods.lower_bounds import lower_bounds
 
 INSTANCES = 500  # of each kind of rule
-REFINED = 1000
+REFINED = 1300  # in all; some rules leave no way on
 PERIODS = (0.1, 0.25, 0.3)  # s; as floats no multiple of them is exact
 
 
@@ -266,33 +266,44 @@ def held_costs(modes):
     n, found = modes.A.shape[-1], []
     for A, Q in zip(modes.A, modes.Q, strict=True):
         P = np.linalg.solve(np.eye(n * n) - np.kron(A.T, A.T), Q.ravel()).reshape(n, n)
-        found.append(modes.dk * P if np.abs(np.linalg.eigvals(A)).max() < 1 else None)
+        found.append(P if np.abs(np.linalg.eigvals(A)).max() < 1 else None)
     return found
+
+
+@cache
+def quadratics(modes, steps, most):
+    """The sequences that end in a Schur mode; W2 at each step and the cost of the state for ever, as x' .. x."""
+    ends = held_costs(modes)
+    sequences = with_few_switches(len(modes), steps, most)
+    sequences = sequences[[ends[i] is not None for i in sequences[:, -1]]]
+    moved = np.tile(np.eye(modes.A.shape[-1]), (len(sequences), 1, 1))
+    w2, cost = [], 0.0
+    for mode in sequences.T:
+        w2.append(np.swapaxes(moved, 1, 2) @ moved)
+        cost += np.swapaxes(moved, 1, 2) @ modes.Q[mode] @ moved
+        moved = modes.A[mode] @ moved
+    for i, P in enumerate(ends):
+        if P is not None:
+            last = sequences[:, -1] == i
+            cost[last] += np.swapaxes(moved[last], 1, 2) @ P @ moved[last]
+    return sequences, np.stack(w2, axis=1), modes.dk * cost
 
 
 def enumerated(modes, x0, rules, most, steps, beyond=50):
     """The least cost of a run with at most so many switches, all in the first steps, that ends in one mode; or inf."""
-    sequences = with_few_switches(len(modes), steps, most)
+    sequences, w2, cost = quadratics(modes, steps, most)
+    S = np.outer(x0.mean, x0.mean) + x0.cov
+    price, fixed, by_w2 = costs_of(modes, rules)
     start, _ = start_of(modes, rules)
     before = np.column_stack([sequences[:, 0] if start is None else np.full(len(sequences), start), sequences[:, :-1]])
-    prices, fixed, by_w2 = costs_of(modes, rules)
-    ends = held_costs(modes)
-    final = np.array([P is not None and price == 0 for P, price in zip(ends, prices, strict=True)])
-    kept = final[sequences[:, -1]] & ((sequences != before).sum(axis=1) <= most)
-    sequences, before = sequences[kept], before[kept]
-
-    S = np.tile(np.outer(x0.mean, x0.mean) + x0.cov, (len(sequences), 1, 1))
-    costs = np.zeros(len(sequences))
-    for last, mode in zip(before.T, sequences.T, strict=True):
-        w2 = np.einsum("bii->b", S)
-        costs += np.where(mode != last, fixed[last, mode] + by_w2[last, mode] * w2, 0.0)
-        costs += modes.dk * ((modes.Q[mode] * S).sum(axis=(1, 2)) + prices[mode])
-        S = modes.A[mode] @ S @ np.swapaxes(modes.A[mode], 1, 2)
-    for i in np.flatnonzero(final):
-        costs += np.where(sequences[:, -1] == i, (ends[i] * S).sum(axis=(1, 2)), 0.0)
-
+    switched = sequences != before
+    costs = np.tensordot(cost, S) + modes.dk * price[sequences].sum(axis=1)
+    costs += (switched * (fixed[before, sequences] + by_w2[before, sequences] * np.tensordot(w2, S))).sum(axis=1)
+    costs[(switched.sum(axis=1) > most) | (price[sequences[:, -1]] > 0)] = math.inf
     for place in np.argsort(costs):  # the first that obeys is the best, so few must be checked
         sequence = sequences[place].tolist()
+        if costs[place] == math.inf:
+            break
         if not violations(modes, rules, sequence):
             if not violations(modes, rules, sequence + [sequence[-1]] * beyond):
                 return costs[place]
@@ -350,7 +361,7 @@ def bounds_once(monkeypatch):
 @pytest.mark.slow
 @each_kind
 def test_few_switches_finds_the_optimum(kind, bounds_once):
-    for modes, x0, rules, rng in instances(kind, INSTANCES if kind is not seconds else 200, 0, pool=100):
+    for modes, x0, rules, rng in instances(kind, INSTANCES if kind is not seconds else 200, 0, pool=50):
         most = rng.choice(3, p=[0.2, 0.3, 0.5])
         check_few_switches(modes, x0, rules, most, steps=8 if most == 2 else 10, listed=rng.choice([None, 1]))
 
@@ -482,12 +493,12 @@ def test_methods_that_look_to_the_end_cost_no_more_than_any_mode_held(kind):
 
 BASES = [
     Rollout(),
-    PointwiseMinimum(),
-    RecedingHorizon(4),
-    RecedingHorizon(3, hold=3),
     RecedingHorizon(math.inf, hold=2),
     FewSwitches(1),
     Constant(0),
+    PointwiseMinimum(),  # the first four look to the end: a price can't make them hover
+    RecedingHorizon(4),
+    RecedingHorizon(3, hold=3),
 ]
 
 
@@ -495,10 +506,10 @@ BASES = [
 def test_refine_never_costs_more_than_its_base():
     compared = improved = 0
     for kind in KINDS:
-        for modes, x0, rules, rng in instances(kind, -(-REFINED // len(KINDS)), 6):
+        for modes, x0, rules, rng in instances(kind, REFINED // len(KINDS), 6):
             graph = graph_of(modes, rules)
-            base = BASES[rng.integers(len(BASES))]
-            if graph is None or (result := attempt(modes, x0, base, 200, graph)) is None:
+            base = BASES[rng.integers(len(BASES) if rules.price == 0 else 4)]
+            if graph is None or (result := attempt(modes, x0, base, None, graph)) is None:
                 continue
             refined = attempt(modes, x0, Refine(base), 1, graph)
             assert (refined is not None) == math.isfinite(result.cost)
@@ -506,9 +517,8 @@ def test_refine_never_costs_more_than_its_base():
                 assert refined.cost <= result.cost * (1 + 1e-9), (rules, base)
                 assert violations(modes, rules, run_of(refined)) == []
                 compared, improved = compared + 1, improved + (refined.cost < result.cost * (1 - 1e-9))
-    print(compared, improved)
-    assert compared >= 0.7 * REFINED
-    assert improved >= 0.1 * compared
+    assert compared >= 1000
+    assert improved >= 100
 
 
 @pytest.mark.slow

@@ -281,3 +281,30 @@ def test_a_reader_that_leaves_early_is_no_error():
     command = f"{sys.executable} -m switchctl.cli compare five_mode | head -1"
     piped = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
     assert "Traceback" not in piped.stderr
+
+
+def test_rules_at_the_shell(capsys, tmp_path):
+    code, out, _ = run(capsys, "run", "five_mode", "--method", "few-switches", "--max-switches", "2", "--json")
+    (told,) = json.loads(out)["schedules"]
+    assert code == 0
+    assert (told["method"], len(told["switches"])) == ("FewSwitches(max_switches=2)", 2)
+    words = ("run", "five_mode", "--method", "refine", "--min-dwell", "3", "--switch-cost", "0.5")
+    code, out, _ = run(capsys, *words, "--save", str(tmp_path))
+    assert "Rules(min_dwell=3, switch_cost=0.5)" in out
+    assert min(Schedule.load(tmp_path / "schedule.json").dwell_times[:-1]) >= 3
+    code, out, _ = run(capsys, "compare", "five_mode", "--min-dwell", "2")
+    assert (code, "Rollout()" in out) == (0, True)
+    path = tmp_path / "plant.py"
+    path.write_text(PYTHON_MODEL + "def rules(): return switchctl.Rules(max_dwell=7)\n")
+    code, out, _ = run(capsys, "run", str(path), "--rules", "--min-dwell", "2")
+    assert (code, "Rules(min_dwell=2, max_dwell=7)" in out) == (0, True)
+    path.write_text(PYTHON_MODEL + "def rules(): return 5\n")
+    for words, told in (
+        (("run", "five_mode", "--rules"), "five_mode has no rules of its own"),
+        (("run", "five_mode", "--method", "few-switches"), "few-switches needs --max-switches N"),
+        (("run", "five_mode", "--min-dwell", "0"), "min_dwell is 0; expected at least 1"),
+        (("run", "five_mode", "--method", "refine", "--horizon", "3"), "--horizon goes with --method receding-horizon"),
+        (("run", str(path)), "rules() returned a int; expected a Rules"),
+    ):
+        code, _, err = run(capsys, *words)
+        assert (code, told in err) == (2, True), err

@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pandas
@@ -13,13 +14,17 @@ from hypothesis import strategies as st
 from random_cases import random_gaussian, random_modes
 
 from switchctl import (
+    Budget,
     Constant,
+    FewSwitches,
     FormatError,
     Gaussian,
     ModeSet,
     RecedingHorizon,
     Rollout,
+    Rules,
     Schedule,
+    SwitchingGraph,
     schedule,
 )
 
@@ -49,6 +54,52 @@ def test_saving_and_loading_is_the_identity(tmp_path_factory, seed):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(original, name))
     for name in ("A", "Q", "gains", "names", "states", "dt"):
         np.testing.assert_array_equal(getattr(loaded.modes, name), getattr(modes, name))
+
+
+@pytest.mark.parametrize(
+    "rules",
+    [
+        Rules(min_dwell={"fast": 3}, max_dwell=[math.inf, 9], switch_cost=[[0, 0.1], [0.2, 0]], start=("calm", 2)),
+        Rules(transitions={"fast": ["calm"], "calm": [0]}, switch_cost_per_w2=0.1, price={1: 0.5}, max_switches=9),
+        Rules(budget=Budget(use={"calm": 0.1}, limit=0.3, window=4), allowed={"fast": [(0, 9), (12, math.inf)]}),
+        Rules(min_dwell=0.3, time_unit="s", allowed={"calm": [(0, 0.4)]}, allowed_period=0.8),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("edges", [None, [("a", "b", 0), ("b", "b", 0), ("b", 3, "calm"), (3, "b", 0), (3, 3, 1)]])
+def test_rules_and_automata_are_saved_with_a_schedule(pair, tmp_path, rules, edges):
+    modes, x0 = pair
+    if edges is not None:
+        rules = SwitchingGraph.from_edges(modes, edges, replace(rules, start=None, allowed=None, allowed_period=None))
+    original = schedule(modes, x0, FewSwitches(2) if edges is None else Rollout(), steps=9, rules=rules)
+    for twin in (
+        Schedule.load(original.save(tmp_path / "s.json")),
+        pickle.loads(pickle.dumps(original)),
+        copy.deepcopy(original),
+    ):
+        assert twin.graph.rules == original.graph.rules
+        assert (twin.graph.successor == original.graph.successor).all()
+        for name in ("cost", "cost_parts", "lead", "tail", "switches", "statistics"):
+            assert getattr(twin, name) == getattr(original, name)
+
+
+def test_a_saved_sequence_against_its_rules_is_refused(pair, tmp_path):
+    modes, x0 = pair
+    path = schedule(modes, x0, Rollout(), steps=20, rules=Rules(min_dwell=5)).save(tmp_path / "s.json")
+    document = json.loads(path.read_text())
+    for change, words in (
+        ({"sequence": [1, 0] * 10}, "step 1: mode 'fast' is not allowed"),
+        ({"rules": {"min_dwell": -1}}, "min_dwell is -1"),
+        ({"rules": {"dwell": 1}}, "damaged schedule"),
+        ({"rules": 5}, "damaged schedule"),
+        ({"rules": {"start": {"by mode": 3}}}, "damaged schedule"),
+        ({"edges": [[1]]}, "damaged schedule"),
+        ({"lead": [9]}, "damaged schedule"),
+        ({"statistics": 7}, "damaged schedule"),
+    ):
+        path.write_text(json.dumps(document | change))
+        with pytest.raises(FormatError, match=words):
+            Schedule.load(path)
 
 
 def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):

@@ -4,11 +4,35 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
+from matplotlib.patches import FancyArrowPatch
 from random_cases import random_gaussian, random_modes
 
-from switchctl import Constant, ModeSet, RecedingHorizon, Rollout, compare, schedule, sweep
-from switchctl.plotting import plot_area, plot_ellipses, plot_schematic, plot_sweep, plot_switching, plot_w2
-from switchctl.plotting.style import COLOURS
+import switchctl.plotting
+from switchctl import (
+    Budget,
+    Constant,
+    ModeSet,
+    RecedingHorizon,
+    Rollout,
+    Rules,
+    SwitchingGraph,
+    compare,
+    schedule,
+    sweep,
+    trade_off,
+)
+from switchctl.plotting import (
+    plot_area,
+    plot_ellipses,
+    plot_graph,
+    plot_schematic,
+    plot_sweep,
+    plot_switching,
+    plot_trade_off,
+    plot_w2,
+)
+from switchctl.plotting.style import COLOURS, mode_style
 
 
 @pytest.fixture(autouse=True)
@@ -26,6 +50,8 @@ def pictures(modes, x0):
         plot_ellipses: result,
         plot_schematic: result,
         plot_sweep: sweep(modes, x0, [1, 20], [1, 5]),
+        plot_graph: SwitchingGraph(modes, Rules(min_dwell=2)),
+        plot_trade_off: trade_off(modes, x0, values=[0, 1]),
     }
 
 
@@ -43,7 +69,8 @@ def test_every_picture_is_a_control_plot_and_takes_its_keywords(pair):
             plot(data, colour="red")
         with pytest.raises(ValueError, match="one matplotlib Axes"):
             plot(data, ax=plt.subplots(1, 2)[1])
-        assert all(axis.get_xlabel() for axis in made.axes[-1])
+        assert plot is plot_graph or all(axis.get_xlabel() for axis in made.axes[-1])
+        plt.close("all")
 
 
 def drawn_inside(figure):
@@ -188,3 +215,45 @@ def test_time_is_in_seconds_where_there_is_a_period(pair):
         assert plot(steps).axes[-1, 0].get_xlabel() == "step k"
     assert plot_w2(seconds, stop=11).axes[0, 0].get_lines()[0].get_xdata()[-1] == pytest.approx(1.0)
     assert len(plot_w2(schedule(modes, x0, Rollout(), steps=5), stop=50).axes[0, 0].get_lines()[0].get_xdata()) == 5
+
+
+def test_a_graph_shows_every_node_and_move(pair):
+    modes, _ = pair
+    graph = SwitchingGraph(modes, Rules(min_dwell=3))
+    plot = graph.plot(title="dwell")
+    ax = plot.axes[0, 0]
+    assert len(ax.texts) == len(graph)
+    arrows = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    colours = [to_hex(arrow.get_edgecolor()).upper() for arrow in arrows]
+    for edge_mode in (0, 1):
+        edges = [e for e in graph.edges() if e.mode == edge_mode]
+        assert colours.count(mode_style(edge_mode)["color"]) == len(edges)
+    places = {text.get_position() for text in ax.texts}
+    assert len(places) == len(graph)
+    with pytest.raises(ValueError, match=r"nodes, a picture shows at most 60; graph.to_networkx\(\) hands it"):
+        SwitchingGraph(modes, Rules(min_dwell=40)).plot()
+    with pytest.raises(TypeError, match="plot_graph draws a SwitchingGraph"):
+        switchctl.plotting.plot_graph(modes)
+
+
+@pytest.mark.parametrize(
+    ("over", "label"),
+    [("switch_cost", "switches"), ("min_dwell", "least dwell time (steps)"), ("budget", "limit of the budget")],
+)
+def test_a_trade_off_shows_its_points(pair, over, label):
+    modes, x0 = pair
+    rules = Rules(budget=Budget(use={"calm": 1}, limit=10))
+    trade = trade_off(modes, x0, rules, over=over, values=[0, 5, 10] if over == "budget" else [1, 3])
+    ax = trade.plot().axes[0, 0]
+    assert ax.get_xlabel().startswith(label)
+    assert ax.get_ylabel() == "cost of the state (state units$^2$ · s)"
+    assert ax.lines[0].get_ydata() == pytest.approx([row["state"] for row in trade.rows()])
+    with pytest.raises(TypeError, match="plot_trade_off draws a TradeOff"):
+        switchctl.plotting.plot_trade_off(modes)
+
+
+def test_a_trade_off_without_a_finite_cost_has_no_picture(pair):
+    modes, x0 = pair
+    trade = trade_off(modes, x0, Rules(max_dwell=2), over="min_dwell", values=[3])
+    with pytest.raises(ValueError, match="no setting has a schedule of finite cost"):
+        trade.plot()

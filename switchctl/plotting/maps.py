@@ -70,9 +70,8 @@ def plot_area(
     ax.set_yticks(range(len(rows)), [wrapped(row["label"]) for row in rows])
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * top)
-    unit = "" if comparison.modes.dt is True else " · s"
     area = (comparison.modes.Q == np.eye(comparison.modes.A.shape[-1])).all()
-    ax.set_xlabel(f"total area of $W^2$ (state units$^2${unit})" if area else f"total cost (weighted units{unit})")
+    ax.set_xlabel(f"total {'area of $W^2$' if area else 'cost'} ({_cost_unit(comparison.modes)})")
     ax.spines[["top", "right"]].set_visible(False)
     return finish(ax, bars, title or "", legend_loc or False)
 
@@ -254,7 +253,7 @@ def plot_trade_off(
         "budget": "limit of the budget (units of use)",
     }
     ax.set_xlabel(labels[over])
-    ax.set_ylabel("cost of the state" + ("" if modes.dt is True else " (weighted units · s)"))
+    ax.set_ylabel(f"cost of the state ({_cost_unit(modes)})")
     ax.grid(True, alpha=0.3)
     ax.margins(x=0.08, y=0.12)
     return finish(ax, lines, title or "", legend_place(legend_loc, "best"))
@@ -268,3 +267,8 @@ def _state_pair(modes: ModeSet, states: Sequence[int | str]) -> list[int]:
             f"states is {states!r}; expected two different ones of {', '.join(modes.states)}, or their indices"
         )
     return [int(s) for s in pair]
+
+
+def _cost_unit(modes: ModeSet) -> str:
+    area = (modes.Q == np.eye(modes.A.shape[-1])).all()
+    return ("state units$^2$" if area else "weighted units") + ("" if modes.dt is True else " · s")
