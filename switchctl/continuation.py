@@ -141,6 +141,11 @@ class Continuations:
         return policy_path(self.graph, self.ways[number].policy, v)
 
 
+def wander(graph: SwitchingGraph, v: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Some way to go on for ever, at whatever cost: always the first mode allowed."""
+    return policy_path(graph, (graph.successor >= 0).argmax(axis=1), v)
+
+
 def policy_path(graph: SwitchingGraph, policy: Nodes, v: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """The modes of a policy on the nodes from one of them: those taken once, and the word repeated for ever after."""
     seen: dict[int, int] = {}
@@ -170,10 +175,20 @@ def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> tuple[tuple[int, .
     return lead, word
 
 
+def lasting(graph: SwitchingGraph, word: tuple[int, ...]) -> NDArray[np.bool_]:
+    """From which nodes a word of modes may be repeated for ever."""
+    jump = np.append(np.arange(len(graph)), -1)  # the last entry, -1, is nowhere
+    for mode in word:
+        jump = np.where(jump >= 0, graph.successor[jump, mode], -1)
+    for _ in range(len(graph).bit_length()):
+        jump = jump[jump]
+    return jump[:-1] >= 0
+
+
 def way_to_hold(graph: SwitchingGraph, mode: int) -> tuple[Nodes, NDArray[np.bool_]]:
     """The shortest way to where a mode may be held for ever, and its hold: by node; and where it may be held."""
     ends = np.isinf(graph.holds[:, mode])
-    policy = _towards(graph, ends)[0]
+    policy = np.full(len(graph), mode) if ends.all() else _towards(graph, ends)[0]
     policy[ends] = mode
     return policy, ends
 

@@ -291,63 +291,6 @@ class SwitchingGraph:
         """The least dwell time of each mode, in steps."""
         return self._memory.limits.min_dwell
 
-    def allows(self, later: NDArray[np.bool_], mode: int) -> NDArray[np.bool_]:
-        """From which nodes a step in a mode leads to one of some others.
-
-        Parameters
-        ----------
-        later : bool array, shape (nodes,)
-            The others.
-        mode : int
-            The mode.
-
-        Returns
-        -------
-        bool array, shape (nodes,)
-        """
-        heads = self.successor[:, mode]
-        return (heads >= 0) & later[heads]
-
-    def lasting(self, word: tuple[int, ...]) -> NDArray[np.bool_]:
-        """From which nodes a word of modes may be repeated for ever.
-
-        Parameters
-        ----------
-        word : tuple of int
-            The modes.
-
-        Returns
-        -------
-        bool array, shape (nodes,)
-        """
-        jump = np.append(np.arange(len(self)), -1)
-        for mode in word:
-            jump = np.where(jump >= 0, self.successor[jump, mode], -1)
-        for _ in range(len(self).bit_length()):
-            jump = jump[jump]
-        return jump[:-1] >= 0
-
-    def wander(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Some way to go on for ever: always the first mode allowed.
-
-        Parameters
-        ----------
-        node : int
-            Where to begin.
-
-        Returns
-        -------
-        lead, word : tuples of int
-            The modes taken once, and those repeated for ever after.
-        """
-        seen: dict[int, int] = {}
-        modes: list[int] = []
-        while node not in seen:
-            seen[node] = len(modes)
-            modes.append(int((self.successor[node] >= 0).argmax()))
-            node = int(self.successor[node, modes[-1]])
-        return tuple(modes[: seen[node]]), tuple(modes[seen[node] :])
-
     def refusal(self, node: int, mode: int) -> str:
         """Say why a mode can't be taken.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from switchctl.continuation import lasting
 from switchctl.files import FormatError, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
@@ -114,7 +115,7 @@ class Schedule:
         lead = tuple(self.modes.index(mode) for mode in self.lead)
         if not self.graph.free:
             last = int(self.graph.walk([*sequence.tolist(), *lead])[-1])
-            if not self.graph.lasting(tail)[last]:
+            if not lasting(self.graph, tail)[last]:
                 words = " ".join(self.modes.names[mode] for mode in tail)
                 raise ValueError(f"the tail can't repeat {words!r} for ever under {self.graph.rules!r}")
         object.__setattr__(self, "sequence", frozen(sequence))

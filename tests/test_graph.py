@@ -10,7 +10,7 @@ import pytest
 from random_cases import random_modes
 
 from switchctl import Budget, Gaussian, ModeSet, Rules, Schedule, SwitchingGraph, schedule
-from switchctl.continuation import Continuations, shortest
+from switchctl.continuation import Continuations, lasting, shortest
 from switchctl.methods import Constant, Method, Rollout, Scheduler
 
 MODES = ModeSet([[[0.5]], [[0.9]]], names=["fast", "slow"], dt=0.1)
@@ -149,7 +149,7 @@ def test_holds_and_words_by_walking():
             node, steps = v, 0
             while node >= 0 and steps < 60:
                 node, steps = int(graph.successor[node, word[steps % 3]]), steps + 1
-            assert graph.lasting(word)[v] == (node >= 0)
+            assert lasting(graph, word)[v] == (node >= 0)
 
 
 def test_every_way_on_costs_what_it_says():

@@ -10,7 +10,7 @@ import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
-from switchctl.continuation import Continuations
+from switchctl.continuation import Continuations, wander
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
@@ -167,7 +167,7 @@ class Scheduler(ABC):
         if self.graph.free and self.graph.price[self.last] == 0:
             return (), (self.last,)
         held = np.isinf(self.graph.holds[self.node, self.last])
-        return self.cheapest_way(S) or (((), (self.last,)) if held else self.graph.wander(self.node))
+        return self.cheapest_way(S) or (((), (self.last,)) if held else wander(self.graph, self.node))
 
     def cheapest_way(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
         """The way on that costs least, as `tail` names it; None where none costs finitely much.

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from switchctl.continuation import Continuations, Value, switched
+from switchctl.continuation import Value, switched
 from switchctl.gramians import horizon_gramians, transform
+from switchctl.methods.base import Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array, svec
 
@@ -30,14 +31,14 @@ class HorizonCosts:
 
     Parameters
     ----------
-    continuations : Continuations
-        The graph, and the ways to go on for ever in it.
+    scheduler : Scheduler
+        Whose graph and ways to go on for ever they are.
     hold : int
         Steps between updates.
     """
 
-    def __init__(self, continuations: Continuations, hold: int) -> None:
-        self.continuations, self.graph, self.hold = continuations, continuations.graph, hold
+    def __init__(self, scheduler: Scheduler, hold: int) -> None:
+        self.scheduler, self.graph, self.hold = scheduler, scheduler.graph, hold
         self.gramians: dict[int, Array] = {}
         self.candidates: dict[tuple[int, int | float], Candidates] = {}
 
@@ -53,12 +54,13 @@ class HorizonCosts:
     def _for_ever(self, node: int) -> Candidates:
         """Every way to go on at finite cost."""
         require_schur(self.graph.modes, "an infinite horizon")
-        numbers, rows, constants = self.continuations.table(node)
+        ways = self.scheduler.continuations
+        numbers, rows, constants = ways.table(node)
         if not numbers:
             raise ValueError(
                 f"an infinite horizon needs a way to go on at finite cost, and {self.graph.rules!r} leave none"
             )
-        paths = (self.continuations.path(node, number) for number in numbers)
+        paths = (ways.path(node, number) for number in numbers)
         return Candidates(rows, constants, [list(islice(chain(lead, cycle(word)), self.hold)) for lead, word in paths])
 
     def _over(self, node: int, T: int) -> Candidates:
@@ -85,7 +87,7 @@ class HorizonCosts:
         """The modes allowed; where there is a way on at finite cost, those that keep one."""
         heads = self.graph.successor[node]
         if not self.graph.free:
-            lasting = (heads >= 0) & self.continuations.finite[:, heads].any(axis=0)
+            lasting = (heads >= 0) & self.scheduler.continuations.finite[:, heads].any(axis=0)
             if lasting.any():
                 return np.flatnonzero(lasting).tolist()
         return np.flatnonzero(heads >= 0).tolist()

@@ -134,7 +134,7 @@ class _RecedingHorizonScheduler(Scheduler):
             self.after_hold = np.linalg.matrix_power(self.modes.A, method.hold)
             # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
             self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
-        self.costs = HorizonCosts(self.continuations, method.hold)
+        self.costs = HorizonCosts(self, method.hold)
         self.costs.at(self.node, method.at(0))  # an impossible horizon is refused at the start, not at the first sample
 
     def forget(self) -> None:

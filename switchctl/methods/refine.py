@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from switchctl.continuation import lasting
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, Method, Scheduler
 from switchctl.methods.planning import Plan, PlanningScheduler
@@ -147,12 +148,13 @@ class _RefineScheduler(PlanningScheduler):
         modes = np.append(path, self.word[0])
         P, constants = np.empty((N + 1, len(self.identity))), np.zeros(N + 1)
         follows = np.empty((N + 1, len(graph)), dtype=bool)
-        P[N], follows[N] = self.word_P, graph.lasting(self.word)
+        P[N], follows[N] = self.word_P, lasting(graph, self.word)
         for t in range(N - 1, -1, -1):
             mode, after = modes[t], modes[t + 1]
             P[t] = self.stages[mode] + (P[t + 1] + self.by_w2[mode, after] * self.identity) @ self.maps[mode]
             constants[t] = graph.price[mode] + self.fixed[mode, after] + constants[t + 1]
-            follows[t] = graph.allows(follows[t + 1], mode)
+            heads = graph.successor[:, mode]
+            follows[t] = (heads >= 0) & follows[t + 1, heads]
         return _Suffixes(modes, P, constants, follows)
 
     def _before(self, rest: _Suffixes, mode: int, t: Any) -> tuple[Array, Array]:
