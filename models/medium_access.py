@@ -1,26 +1,24 @@
 """Medium access: two magnetically suspended balls share one channel; at each sample one of them is controlled.
 
-A mode is who is served. The other coil falls back to the voltage of its equilibrium, which is unstable, so no mode is
-Schur: only switching keeps both balls in the air. Round robin does, but gives half of the channel to a ball that is
-where it should be, while the other one falls. Here it costs a third more than `method`. Round robin in turns of ten
-samples comes within a per cent of it, where the right ball has the first turn, and costs almost three times as much
-where the other one has; the schedule knows from the moments who needs the channel.
+A mode is who is served. The coil of the other one falls back to the voltage of the equilibrium, which is unstable, so
+no mode is Schur: only switching keeps both balls in the air. Round robin does, but gives half of the channel to a ball
+that is where it should be, while the other one falls; here it costs a third more than `method`. Round robin in turns of
+ten samples comes close, if the right ball has the first turn; if the other one has, it costs almost three times as
+much. The schedule tells from the moments who needs the channel.
 
 The plants are two copies of the one of the Control Tutorials for MATLAB and Simulink ("Introduction: State-Space
 Methods for Controller Design", University of Michigan and Carnegie Mellon): ``m h'' = m g - K i^2 / h`` and
-``L i' = V - R i`` with m = 0.05 kg, K = 1e-4 N m2/A2, L = 0.01 H, R = 1 ohm, g = 9.81 m/s2, about a gap of h = 0.01 m.
+``L i' = V - R i`` with m = 0.05 kg, K = 1e-4 N m/A2, L = 0.01 H, R = 1 ohm, g = 9.81 m/s2, about a gap of h = 0.01 m.
 That two of them share a channel, its period, the weights, the rules and the initial state are ours.
 """
-
-from dataclasses import dataclass
 
 import control
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl import Gaussian, Method, ModeSet, RecedingHorizon, Rules, Scheduler, SwitchingGraph, close_loops
+from switchctl import Gaussian, Method, ModeSet, RecedingHorizon, Rules, close_loops
 
-MASS, MAGNET, INDUCTANCE, RESISTANCE, GRAVITY = 0.05, 1e-4, 0.01, 1.0, 9.81  # kg, N m2/A2, H, ohm, m/s2
+MASS, MAGNET, INDUCTANCE, RESISTANCE, GRAVITY = 0.05, 1e-4, 0.01, 1.0, 9.81  # kg, N m/A2, H, ohm, m/s2
 GAP = 0.01  # m
 CURRENT = float(np.sqrt(MASS * GRAVITY * GAP / MAGNET))  # A, at equilibrium; so is the voltage, in V
 DT = 0.002  # s
@@ -73,29 +71,9 @@ def rules() -> Rules:
     return Rules(min_dwell=MIN_TURN, max_dwell=MAX_TURN, time_unit="s")
 
 
-@dataclass(frozen=True, repr=False)
-class Arbiter(Method):
-    """A receding horizon that keeps to `rules` even where it is started without any.
-
-    So its schedules also end well: under the rules a cycle follows the last step, and not one mode for ever, which
-    here would cost infinitely much.
-
-    Parameters
-    ----------
-    horizon : int
-        T in steps.
-    """
-
-    horizon: int
-
-    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
-        if isinstance(graph, ModeSet):
-            graph = SwitchingGraph(graph)
-        if graph.rules == Rules() and graph.automaton_edges is None:
-            graph = SwitchingGraph(graph.modes, rules())
-        return RecedingHorizon(self.horizon).start(graph)
-
-
 def method() -> Method:
-    """T = 30 (60 ms): long enough for serving to pay, short enough for the ball that is not served to count."""
-    return Arbiter(horizon=30)
+    """T = 30 (60 ms): long enough for serving to pay, short enough for the ball that is not served to count.
+
+    Under `rules`: without any, the last mode is held after the last step, and that costs infinitely much.
+    """
+    return RecedingHorizon(horizon=30)

@@ -184,7 +184,7 @@ def method() -> Method:
     return RecedingHorizon(horizon=150, hold=50)
 
 
-def rules() -> Rules:
+def resources() -> Rules:
     """Ration C_high, which uses more computing time and energy (the paper gives no figures): 2 s in all.
 
     Either controller acts for 0.1 s at least.

@@ -110,7 +110,7 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         metavar="MODEL",
         help="a bundled model (see 'switchctl models'), a Python file with modes() (or plant() and "
-        "controllers()), initial_state() and perhaps method(), or a .json or .mat file with the matrices A",
+        "controllers()), initial_state() and perhaps method() and rules(), or a .json or .mat file with the matrices A",
     )
     parser.add_argument("--steps", type=int, metavar="N", help="default: until W2 is 1e-12 of its start")
     parser.add_argument("--mean", type=_numbers, metavar="X,X,..", help="mean of the initial state")
@@ -120,7 +120,7 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,..",
         help="its covariance: one variance for all, one each, or all entries by rows",
     )
-    parser.add_argument("--rules", action="store_true", help="under the model's own switching rules")
+    parser.add_argument("--no-rules", action="store_true", help="leave out the model's own switching rules")
     parser.add_argument("--min-dwell", type=int, metavar="N", help="least steps in a mode once taken")
     parser.add_argument("--switch-cost", type=float, metavar="X", help="cost of a switch")
     parser.add_argument("--max-switches", type=int, metavar="N", help="greatest number of switches")
@@ -169,11 +169,9 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
 
 
 def _rules(asked: argparse.Namespace, model: Model) -> Rules:
-    """The model's own rules where asked for, and those asked for on top."""
-    if asked.rules and model.rules is None:
-        raise ValueError(f"{asked.model} has no rules of its own; leave out --rules")
+    """The model's own rules, and those asked for on top."""
+    own = Rules() if asked.no_rules or model.rules is None else model.rules
     told = {name: getattr(asked, name) for name in ("min_dwell", "switch_cost", "max_switches")}
-    own = model.rules if asked.rules and model.rules is not None else Rules()
     return replace(own, **{name: value for name, value in told.items() if value is not None})
 
 
@@ -235,7 +233,8 @@ def _models(asked: argparse.Namespace) -> bool:
     if asked.json:
         print(json.dumps(described, indent=1))
     else:
-        print("\n".join(f"{name:<12} {line}" for name, line in described.items()))
+        width = max(map(len, described))
+        print("\n".join(f"{name:<{width}}  {line}" for name, line in described.items()))
     return True
 
 

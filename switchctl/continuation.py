@@ -4,6 +4,7 @@ For each mode that may be held for ever: the shortest way to a node where it may
 way costs finitely much: the shortest cycles of the graph instead.
 """
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -74,13 +75,14 @@ class Continuations:
         return ways
 
     def _cycling(self) -> list[Way]:
-        """The shortest cycles through some nodes, evenly spread."""
+        """The shortest cycles through some nodes, evenly spread; where modes tie, the first or one after the other."""
         graph = self.graph
         ways: list[Way] = []
         V = len(graph)
-        for u in np.unique(np.linspace(0, V - 1, min(V, _CYCLES)).astype(int)).tolist():
+        nodes_through = np.unique(np.linspace(0, V - 1, min(V, _CYCLES)).astype(int)).tolist()
+        for u, in_turn in product(nodes_through, (False, True)):
             ends = np.arange(V) == u
-            policy, distance = _towards(graph, ends)
+            policy, distance = _towards(graph, ends, in_turn)
             there = np.where(graph.successor[u] >= 0, distance[graph.successor[u]], np.inf)
             if np.isinf(there).all():
                 continue
@@ -193,8 +195,11 @@ def way_to_hold(graph: SwitchingGraph, mode: int) -> tuple[Nodes, NDArray[np.boo
     return policy, ends
 
 
-def _towards(graph: SwitchingGraph, ends: NDArray[np.bool_]) -> tuple[Nodes, Array]:
-    """The first mode of the shortest way to some nodes (of several the first), and its steps, from each node."""
+def _towards(graph: SwitchingGraph, ends: NDArray[np.bool_], in_turn: bool = False) -> tuple[Nodes, Array]:
+    """The first mode of the shortest way to some nodes, and its steps, from each node.
+
+    Of several modes the first, or one after the other as the steps count down.
+    """
     successor = graph.successor
     V = len(successor)
     tails, modes = np.nonzero(successor >= 0)
@@ -204,4 +209,8 @@ def _towards(graph: SwitchingGraph, ends: NDArray[np.bool_]) -> tuple[Nodes, Arr
     steps = dijkstra(moves, indices=V, unweighted=True)  # type: ignore[call-overload]
     distance = np.concatenate([steps[:V] - 1, [np.inf]])
     closer = (distance[successor] == distance[:V, None] - 1) & np.isfinite(distance[:V, None])
+    if in_turn:
+        count = np.maximum(closer.sum(axis=1), 1)
+        wanted = np.where(np.isfinite(distance[:V]), distance[:V], 0).astype(np.intp) % count
+        closer &= closer.cumsum(axis=1) == wanted[:, None] + 1
     return np.where(closer.any(axis=1), closer.argmax(axis=1), -1), distance[:V]

@@ -90,7 +90,8 @@ class Rules(_Record):
         Which mode may follow which: a dict from each mode to those it may be left for, or a matrix of booleans, rows
         "from". Staying is no transition: `max_dwell` limits that, and the diagonal has no meaning. All by default.
     switch_cost : number or matrix, optional
-        Cost of a switch, or of each (rows "from", no meaning on the diagonal), in the unit of `Schedule.cost`.
+        Cost of a switch, or of each (rows "from", no meaning on the diagonal), in the unit of `Schedule.cost`. A run
+        that never stops switching then costs infinitely much; ``switch_cost_per_w2`` fades with the state.
     switch_cost_per_w2 : number or matrix, optional
         Cost of a switch for each unit of W2 at that step, added to ``switch_cost``.
     price : number, dict or sequence, optional

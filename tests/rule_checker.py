@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from functools import cache
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -118,6 +119,7 @@ def _follows(modes, transitions, before, after):
     return any(_index(modes, target) == after for target in targets)
 
 
+@cache
 def _exact(number):
     """A number as it is written in decimals, so that three times 0.1 is 0.3."""
     return number if math.isinf(number) else Fraction(repr(float(number)))

@@ -72,7 +72,13 @@ def test_compare_and_models(capsys):
     assert len(json.loads(run(capsys, "compare", "suspension", "--json")[1])["schedules"]) == 5
     code, out, _ = run(capsys, "models")
     assert code == 0 and "quadrotor" in out
-    assert set(json.loads(run(capsys, "models", "--json")[1])) == {"five_mode", "quadrotor", "servo", "suspension"}
+    assert set(json.loads(run(capsys, "models", "--json")[1])) == {
+        "five_mode",
+        "medium_access",
+        "quadrotor",
+        "servo",
+        "suspension",
+    }
 
 
 def test_files_are_named_as_they_were_asked_for(capsys, tmp_path, monkeypatch):
@@ -296,11 +302,12 @@ def test_rules_at_the_shell(capsys, tmp_path):
     assert (code, "Rollout()" in out) == (0, True)
     path = tmp_path / "plant.py"
     path.write_text(PYTHON_MODEL + "def rules(): return switchctl.Rules(max_dwell=7)\n")
-    code, out, _ = run(capsys, "run", str(path), "--rules", "--min-dwell", "2")
+    code, out, _ = run(capsys, "run", str(path), "--min-dwell", "2")
     assert (code, "Rules(min_dwell=2, max_dwell=7)" in out) == (0, True)
+    code, out, _ = run(capsys, "run", str(path), "--no-rules")
+    assert (code, "Rules" in out) == (0, False)
     path.write_text(PYTHON_MODEL + "def rules(): return 5\n")
     for words, told in (
-        (("run", "five_mode", "--rules"), "five_mode has no rules of its own"),
         (("run", "five_mode", "--method", "few-switches"), "few-switches needs --max-switches N"),
         (("run", "five_mode", "--min-dwell", "0"), "min_dwell is 0; expected at least 1"),
         (("run", "five_mode", "--method", "refine", "--horizon", "3"), "--horizon goes with --method receding-horizon"),

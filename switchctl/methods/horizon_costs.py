@@ -53,7 +53,8 @@ class HorizonCosts:
 
     def _for_ever(self, node: int) -> Candidates:
         """Every way to go on at finite cost."""
-        require_schur(self.graph.modes, "an infinite horizon")
+        if self.graph.free:
+            require_schur(self.graph.modes, "an infinite horizon")
         ways = self.scheduler.continuations
         numbers, rows, constants = ways.table(node)
         if not numbers:

@@ -101,7 +101,7 @@ class _RefineScheduler(PlanningScheduler):
         if state is None or switching is None or self.graph.price[list(word)].any():
             raise ValueError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
-                "that ends in a mode held for ever at finite cost"
+                "that ends at finite cost: in a mode held for ever or, under rules that make it switch, in a cycle"
             )
         self.word, self.word_P = word, svec(state + switching / self.modes.dk)
         cost = start = self._cost(path, S)

@@ -19,12 +19,12 @@ class Rollout(Method):
     ``min_q tr((Q_i + A_i' P_q A_i) S)``. It costs no more than the best single mode, whatever the initial state, and
     is mean-square stable without a constraint where every stage weight is positive definite, as by default
     (docs/theory.md has the proofs; with a singular weight, states that the cost doesn't see may grow). One mode at
-    least must be Schur.
+    least must be Schur; under rules that let none be held for ever, a cycle of modes takes its place.
 
     Raises
     ------
     ValueError
-        From `start` and `schedule`, if no mode is Schur.
+        From `start` and `schedule`, if no mode is Schur, or rules leave no way on at finite cost.
 
     Examples
     --------
@@ -36,7 +36,8 @@ class Rollout(Method):
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
-        require_schur(graph.modes, "Rollout")
+        if graph.free:
+            require_schur(graph.modes, "Rollout")
         return _RolloutScheduler(graph)
 
 
