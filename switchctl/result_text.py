@@ -28,6 +28,7 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
     told = [
         ("method", schedule.method),
         ("rules", "" if rules == Rules() else repr(rules)),
+        ("automaton", "" if schedule.graph.automaton_edges is None else f"{len(schedule.graph)} nodes"),
         ("cost", _told(lambda: f"{schedule.cost:.6g}  (with {_after(schedule)})")),
         ("of which", _told(lambda: _parts(schedule))),
         ("W2", _told(lambda: f"{schedule.w2[0]:.6g} -> {schedule.final.w2():.6g}")),

@@ -359,7 +359,7 @@ def bounds_once(monkeypatch):
 @pytest.mark.slow
 @each_kind
 def test_few_switches_finds_the_optimum(kind, bounds_once):
-    for modes, x0, rules, rng in instances(kind, INSTANCES if kind is not seconds else 200, 0, pool=40):
+    for modes, x0, rules, rng in instances(kind, INSTANCES if kind is not seconds else 150, 0, pool=25):
         most = rng.choice(3, p=[0.2, 0.4, 0.4])
         check_few_switches(
             modes, x0, rules, most, steps=8 if most == 2 else 10, listed=rng.choice([None, 1], p=[0.2, 0.8])
@@ -445,7 +445,7 @@ def check_run(modes, x0, rules, result):
 @pytest.mark.slow
 @each_kind
 def test_every_method_obeys(kind):
-    for modes, x0, rules, rng in instances(kind, 10, 3):
+    for modes, x0, rules, rng in instances(kind, 8, 3):
         graph = graph_of(modes, rules)
         if graph is None:
             continue
