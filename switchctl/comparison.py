@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
-from switchctl.methods import Method, single_mode_costs
+from switchctl.methods import Constant, Method, single_mode_costs
 from switchctl.methods.base import check_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
@@ -50,8 +51,13 @@ class Comparison:
     @property
     def single_costs(self) -> Array:
         """Cost of each mode held for ever, shape (m,); under the rules, where all schedules have the same."""
+        return single_mode_costs(self._graph, self.x0)
+
+    @cached_property
+    def _graph(self) -> SwitchingGraph:
+        """The rules of all schedules, or none where they differ."""
         first, *others = (schedule.graph for schedule in self.schedules.values())
-        return single_mode_costs(self.modes if any(graph is not first for graph in others) else first, self.x0)
+        return SwitchingGraph(self.modes) if any(graph is not first for graph in others) else first
 
     @property
     def single_w2(self) -> Array:
@@ -69,10 +75,9 @@ class Comparison:
         """
         costs = self.single_costs
         best = costs.min() if np.isfinite(costs).any() else None
-        singles = zip(self.modes.names, self.modes.spectral_radii, costs, self.single_w2, strict=True)
-        entries: list[tuple[Any, ...]] = [
-            (name, float(radius), cost, w2.max(), 0) for name, radius, cost, w2 in singles
-        ]
+        alone = [self._alone(mode, bool(np.isfinite(cost))) for mode, cost in enumerate(costs)]
+        singles = zip(self.modes.names, self.modes.spectral_radii, costs, alone, strict=True)
+        entries: list[tuple[Any, ...]] = [(name, float(radius), cost, *found) for name, radius, cost, found in singles]
         entries += [(label, None, s.cost, s.w2.max(), len(s.switches)) for label, s in self.schedules.items()]
         return [
             {
@@ -85,6 +90,14 @@ class Comparison:
             }
             for label, radius, cost, peak, switches in entries
         ]
+
+    def _alone(self, mode: int, allowed: bool) -> tuple[float, int]:
+        """Peak W2 and switches of a single mode, under the rules where they allow it."""
+        graph = self._graph
+        if graph.free or not allowed:
+            return float(self.single_w2[mode].max()), 0
+        result = schedule(self.modes, self.x0, Constant(mode), self.steps, graph)
+        return float(result.w2.max()), len(result.switches)
 
     def _cells(self) -> list[list[str]]:
         return [

@@ -169,9 +169,9 @@ class SwitchingGraph:
         try:
             successor, states = explore(self._memory)
         except TooManyNodes:
-            raise ValueError(
-                f"the graph of {rules!r} has more than {NODES:,} nodes, the most there may be; a window, dwell times "
-                "or times of availability in fewer steps, or fewer switches, need fewer"
+            raise TooManyNodes(
+                f"the graph of {rules!r} has more than {NODES:,} nodes, the most there may be; a shorter window "
+                "or smaller limit, dwell times or times of availability in fewer steps, or fewer switches need fewer"
             ) from None
         runs = longest_runs(successor)
         if np.isfinite(runs[0]):
@@ -279,10 +279,11 @@ class SwitchingGraph:
             If the rules forbid a step; the message says which.
         """
         nodes = [node]
-        for k, mode in enumerate(sequence):
+        for k, given in enumerate(sequence):
+            mode = self.modes.index(given)
             head = int(self.successor[nodes[-1], mode])
             if head < 0:
-                raise ValueError(f"step {k}: {self.refusal(nodes[-1], int(mode))}")
+                raise ValueError(f"step {k}: {self.refusal(nodes[-1], mode)}")
             nodes.append(head)
         return np.array(nodes, dtype=np.intp)
 
@@ -363,4 +364,6 @@ def _rebuilt(modes: ModeSet, rules: Rules, automaton: Automaton | None, place: H
 
 def as_graph(modes: ModeSet | SwitchingGraph) -> SwitchingGraph:
     """The graph given, or that of modes without rules."""
+    if not isinstance(modes, ModeSet | SwitchingGraph):
+        raise TypeError(f"a method starts on a ModeSet or a SwitchingGraph(modes, rules), not a {type(modes).__name__}")
     return modes if isinstance(modes, SwitchingGraph) else SwitchingGraph(modes)

@@ -105,6 +105,9 @@ class Memory:
             words.append(f"{limits.max_switches - state.switches} left")
         if limits.use is not None:
             words.append(f"used {float((state.used if limits.window is None else sum(state.used)) * limits.unit):g}")
+            if limits.window is not None and any(state.used):
+                ago = [str(limits.window - 1 - k) for k, use in enumerate(state.used) if use]
+                words[-1] += f" {'/'.join(ago[:4])}{'/..' * (len(ago) > 4)} ago"
         if limits.available is not None:
             words.append(f"k={state.phase}" + "+" * (not limits.periodic and state.phase == len(limits.available) - 1))
         return ", ".join(words) or "any"

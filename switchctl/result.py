@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from control import ControlPlot
 
 _VERSION = 2
+_NEEDED = {"method", "status", "cost", "tail", "lead", "lengthened", "statistics", "sequence", "rules", "edges"}
 
 
 class Switch(NamedTuple):
@@ -339,6 +340,9 @@ class Schedule:
         """
         document = read_document(path, "schedule", _VERSION)
         try:
+            lacking = _NEEDED - document.keys()
+            if lacking:
+                raise ValueError(f"it lacks {sorted(lacking)[0]!r}")
             graph, x0 = read_system(document)
             schedule = cls(
                 graph.modes,

@@ -248,6 +248,8 @@ def _per_mode(value: Any, name: str, check: Callable[[Any, str], float]) -> Any:
 
 
 def _number_or_matrix(value: Any, name: str) -> Any:
+    if isinstance(value, Mapping):
+        raise TypeError(f"{name} must be a number or a matrix with a row for each mode before, not a dict")
     if np.ndim(value) == 0:
         return _at_least_zero(value, name)
     matrix = real_array(value, name, (None, None))
@@ -258,7 +260,10 @@ def _number_or_matrix(value: Any, name: str) -> Any:
 
 def _transitions(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        return tuple(tuple(x != 0 for x in row) for row in real_array(value, "transitions", (None, None)).tolist())
+        matrix = real_array(value, "transitions", (None, None))
+        if not np.isin(matrix, (0, 1)).all():
+            raise ValueError("transitions is a matrix of booleans; got other entries than 0 and 1")
+        return tuple(tuple(x == 1 for x in row) for row in matrix.tolist())
     _not_empty(value, "transitions")
     targets: dict[Any, tuple[Any, ...]] = {}
     for mode, given in value.items():

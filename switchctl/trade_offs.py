@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
+from switchctl.memory import TooManyNodes
 from switchctl.methods import Method, Refine
 from switchctl.methods.base import check_state
 from switchctl.methods.prediction import INTERRUPTED
@@ -45,7 +46,7 @@ class TradeOff:
     values : tuple of float
         Its settings: a cost, a time in the unit of the rules, or a limit.
     schedules : tuple of Schedule or None
-        One a setting; None where no run obeys.
+        One a setting; None where no run obeys, or the switching graph would have too many nodes.
     """
 
     modes: ModeSet
@@ -63,7 +64,7 @@ class TradeOff:
         list of dict
             With value, cost, state (its part without switches and prices), switches (in the whole run, which may be
             inf), dwell (shortest of the run, in steps) and use (of the budget in the whole run, None without one);
-            None for all but value where no run obeys.
+            None for all but value where there is no schedule.
         """
         return [{"value": value, **_record(result)} for value, result in zip(self.values, self.schedules, strict=True)]
 
@@ -151,7 +152,7 @@ def trade_off(
     ------
     TypeError, ValueError
         As `Rules` and `schedule` do; ValueError if there is no setting, or no budget to vary. A setting under which no
-        run is possible is no error.
+        run is possible, or whose switching graph would have too many nodes, is no error.
 
     Examples
     --------
@@ -164,6 +165,8 @@ def trade_off(
     40          18.647          18.647         1              40
     """
     check_state(modes, x0)
+    if rules is not None and not isinstance(rules, Rules):
+        raise TypeError(f"rules must be Rules(..), of which one is varied, not a {type(rules).__name__}")
     rules, method = Rules() if rules is None else rules, Refine() if method is None else method
     told = _values(modes, x0, rules, over, values, method)
     found: list[Schedule | None] = []
@@ -206,7 +209,7 @@ def _attempt(modes: ModeSet, x0: Gaussian, method: Method, rules: Rules, over: s
     try:
         change: Any = replace(rules.budget, limit=value) if over == "budget" and rules.budget else value
         graph = SwitchingGraph(modes, replace(rules, **{over: change}))
-    except ContradictionError:
+    except (ContradictionError, TooManyNodes):
         return None
     return schedule(modes, x0, method, rules=graph)
 

@@ -18,7 +18,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, moment_maps, svec
 from switchctl.tail_costs import word_costs
 
-_WORTH = 1e-9  # a move must gain this fraction of the cost ..
+_WORTH = 1e-7  # a move must gain this fraction of the cost ..
 _POSITIONS = 1500  # .. and is looked for at so many instants at most
 _BLOCKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # lengths of the blocks tried, with the least dwell times
 
@@ -32,7 +32,8 @@ class Refine(Method):
     and the schedule again from some step on, which shifts a switch, inserts, removes or shortens whole blocks. Every
     cost is that of a complete schedule, to the end of time, so it never increases.
 
-    It plans at its first sample, and doesn't look at later ones.
+    It plans at its first sample, which may take seconds, and doesn't look at later ones. It may end short of the
+    optimum.
 
     Parameters
     ----------

@@ -103,7 +103,8 @@ def _draw_edge(ax: Axes, tail: Array, head: Array, mode: int, number: int, below
         style["shrinkA"] = 0
     else:
         # Forward and back bend to different sides; long ones pass the nodes between.
-        ends, far = [tail, head], 0.12 if np.abs(head - tail).max() <= 1 else 0.25
+        distance = np.abs(head - tail).max()
+        ends, far = [tail, head], 0.12 if distance <= 1 else min(0.25, 0.9 / distance)
         bend = f"arc3,rad={far + 0.15 * number}"
     (x0, y0), (x1, y1) = ends
     ax.add_patch(FancyArrowPatch((x0, y0), (x1, y1), connectionstyle=bend, **style))

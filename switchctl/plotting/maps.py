@@ -70,7 +70,9 @@ def plot_area(
     ax.set_yticks(range(len(rows)), [wrapped(row["label"]) for row in rows])
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * top)
+    parts = [schedule.cost_parts for schedule in comparison.schedules.values()]
     area = (comparison.modes.Q == np.eye(comparison.modes.A.shape[-1])).all()
+    area = area and not any(part.switching or part.running for part in parts)
     ax.set_xlabel(f"total {'area of $W^2$' if area else 'cost'} ({_cost_unit(comparison.modes)})")
     ax.spines[["top", "right"]].set_visible(False)
     return finish(ax, bars, title or "", legend_loc or False)
@@ -235,12 +237,14 @@ def plot_trade_off(
         style = {"color": mode_style(best)["color"], "ls": "--", "lw": 1.2}
         lines.append(ax.axhline(single[best], label=f"{plain(modes.names[best])} alone, without rules", **style))
     if over == "switch_cost":
-        seen: dict[tuple[float, float], list[float]] = {}
-        for row, place in zip(rows, zip(x, y, strict=True), strict=True):
-            seen.setdefault(place, []).append(row["value"])
-        for place, values in seen.items():
+        at: dict[float, list[float]] = {}
+        for row in rows:
+            at.setdefault(row["switches"], []).append(row["value"])
+        height = dict(zip(x, y, strict=True))
+        for switches, values in at.items():
             told = f"{values[0]:.3g}" if len(values) == 1 else f"{values[0]:.3g} to {values[-1]:.3g}"
-            ax.annotate(told, place, (6, 5), textcoords="offset points", fontsize="small")
+            style = {"textcoords": "offset points", "fontsize": "small", "rotation": 30}
+            ax.annotate(told, (switches, height[switches]), (4, 6), **style)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     unit = "steps" if trade_off.rules.time_unit == "step" else "s"
     if over == "min_dwell" and min(x) > 0 and max(x) > 20 * min(x):
