@@ -19,6 +19,7 @@ from switchctl import (
     RecedingHorizon,
     Refine,
     Rollout,
+    SwitchingGraph,
     best_single_mode,
     schedule,
     single_mode_costs,
@@ -332,6 +333,16 @@ def test_the_infinite_horizon_costs_no_more_than_the_best_single_mode(case, hold
     modes, x0 = draw(case)
     result = schedule(modes, x0, RecedingHorizon(math.inf, hold), steps=steps)
     assert result.cost <= single_mode_costs(modes, x0).min() * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("hold", [1, 2, 5])
+def test_a_hold_does_not_lead_where_every_way_on_costs_infinitely_much(hold):
+    modes = ModeSet([[[0.5]], [[1.05]], [[0.9]]], names=["good", "bad", "slow"])
+    edges = [("s", "t", 0), ("s", "s", 2), ("t", "s", 2), ("t", "trap", 0), ("trap", "trap", 1)]
+    rules = SwitchingGraph.from_edges(modes, edges)
+    result = schedule(modes, Gaussian([1.0], [[0.0]]), RecedingHorizon(2, hold=hold), rules=rules)
+    assert math.isfinite(result.cost)
+    assert 1 not in result.sequence
 
 
 def test_a_singular_weight_bounds_the_cost_and_not_w2():

@@ -84,6 +84,10 @@ class HorizonCosts:
         rows = svec(np.stack([value.P for value in values]))
         return Candidates(rows, np.array([value.constant for value in values]), plans)
 
+    def lasts(self, node: int, mode: int) -> bool:
+        """Whether a mode may be chosen at a node."""
+        return self.graph.free or mode in self._moves(node)
+
     def _moves(self, node: int) -> list[int]:
         """The modes allowed; where there is a way on at finite cost, those that keep one."""
         heads = self.graph.successor[node]

@@ -144,7 +144,7 @@ class _RecedingHorizonScheduler(Scheduler):
 
     def decide(self, S: Array) -> int:
         self.lengthened = 0
-        if not self.plan:
+        if not self.plan or (self.method.decrease is None and not self.costs.lasts(self.node, self.plan[0])):
             self._update(S)
         return self.plan.pop(0)
 

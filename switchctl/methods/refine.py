@@ -19,6 +19,7 @@ from switchctl.moments import Array, moment_factor, moment_maps, svec
 from switchctl.tail_costs import word_costs
 
 _WORTH = 1e-7  # a move must gain this fraction of the cost ..
+_ROUNDS = 1000  # of sweeps and moves at most
 _POSITIONS = 1500  # .. and is looked for at so many instants at most
 _BLOCKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # lengths of the blocks tried, with the least dwell times
 
@@ -110,7 +111,7 @@ class _RefineScheduler(PlanningScheduler):
         try:
             with tqdm(desc="refine", unit="round", delay=2, leave=False) as progress:
                 sweeping, failed = True, 0
-                while failed < 2:
+                while failed < 2 and progress.n < _ROUNDS:
                     better = self._sweep(path, S) if sweeping else self._move(path, S)
                     found, gain = self._cost(better, S), 0.0
                     if found < cost * (1 - TIE):
