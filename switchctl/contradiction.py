@@ -20,16 +20,15 @@ def contradiction(modes: ModeSet, rules: Rules, automaton: Automaton | None, pla
     Rules are dropped one by one where the rest still leaves no way on, so that those that stay are all needed.
     """
     free: dict[str, Any] = {field.name: field.default for field in fields(Rules) if field.name not in _DETAILS}
-    longest = _longest(modes, rules, automaton, place)
+    longest = _longest(modes, rules, automaton, place)  # under all of them
     for name in free:
         if getattr(rules, name) == free[name]:
             continue
         fewer: dict[str, Any] = {name: free[name]} | ({"allowed_period": None} if name == "allowed" else {})
-        steps = _longest(modes, replace(rules, **fewer), automaton, place)
-        if np.isfinite(steps):
-            rules, longest = replace(rules, **fewer), steps
-    if automaton is not None and np.isfinite(steps := _longest(modes, rules, None, None)):
-        automaton, longest = None, steps
+        if np.isfinite(_longest(modes, replace(rules, **fewer), automaton, place)):
+            rules = replace(rules, **fewer)
+    if automaton is not None and np.isfinite(_longest(modes, rules, None, None)):
+        automaton = None
     told = [f"{name} = {rules.told(name)}" for name in free if getattr(rules, name) != free[name]]
     told += ["the edges"] * (automaton is not None)
     verdict = "contradict each other" if len(told) > 1 else "can't be met"
