@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from switchctl.limits import limits
-from switchctl.memory import Automaton, Memory, TooManyNodes, explore, longest_runs
+from switchctl.limits import TooManyNodes, limits
+from switchctl.memory import Automaton, Memory, explore, longest_runs
 from switchctl.modes import ModeSet
 from switchctl.rules import Rules
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.contradiction import contradiction
-from switchctl.limits import find, limits
-from switchctl.memory import NODES, Automaton, Memory, TooManyNodes, explore, longest_runs
+from switchctl.limits import NODES, TooManyNodes, find, limits
+from switchctl.memory import Automaton, Memory, explore, longest_runs
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
@@ -161,7 +161,7 @@ class SwitchingGraph:
             raise TypeError(f"rules must be Rules(..), not {rules!r}")
         self.modes, self.rules = modes, rules
         self._automaton, self._place = automaton, place
-        found = limits(modes, rules)
+        found = limits(modes, rules)  # refused here if the times of availability alone are too many
         self.switch_cost, self.switch_cost_per_w2 = frozen(found.switch_cost), frozen(found.switch_cost_per_w2)
         self.price = frozen(found.price - found.price.min())
         self.resource_use = None if found.use is None else frozen(np.array([float(x * found.unit) for x in found.use]))

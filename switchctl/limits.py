@@ -14,6 +14,13 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
 
+NODES = 100_000
+"""A graph that would have more nodes is refused."""
+
+
+class TooManyNodes(ValueError):
+    """The rules ask to remember too much."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -56,7 +63,7 @@ def limits(modes: ModeSet, rules: Rules) -> Limits:
     steps = _Steps(modes, rules)
     low = [1] * len(modes)
     if rules.min_dwell is not None:
-        low = [int(x) for x in _by_mode(modes, rules.min_dwell, "min_dwell", 1, steps.up)]
+        low = [max(1, int(x)) for x in _by_mode(modes, rules.min_dwell, "min_dwell", 1, steps.up)]
     high = _by_mode(modes, rules.max_dwell, "max_dwell", math.inf, steps.down)
     for name, least, most in zip(modes.names, low, high, strict=True):
         if most < 1:
@@ -102,10 +109,10 @@ def _by_mode(
     """One number a mode, from a number, a dict or a sequence."""
     m = len(modes)
     if isinstance(value, Mapping):
-        values = [default] * m
-        for mode, entry in value.items():
-            values[find(modes, mode, name)] = convert(entry)
-        return values
+        told = {find(modes, mode, name): convert(entry) for mode, entry in value.items()}
+        if len(told) < len(value):
+            raise ValueError(f"{name} tells one mode twice: {list(value)}")
+        return [told.get(i, default) for i in range(m)]
     if isinstance(value, tuple):
         if len(value) != m:
             raise ValueError(f"{name} has {len(value)} entries; expected {m}, one for each mode")
@@ -179,7 +186,7 @@ def _budget(modes: ModeSet, rules: Rules, steps: _Steps) -> tuple[list[int] | No
     exact = [Fraction(repr(x)) for x in _by_mode(modes, budget.use, "use", 0.0)]
     limit = Fraction(repr(budget.limit))
     unit = Fraction(1, math.lcm(limit.denominator, *(x.denominator for x in exact)))
-    window = None if budget.window is None else steps.up(budget.window)
+    window = None if budget.window is None else max(1, steps.up(budget.window))
     return [int(x / unit) for x in exact], int(limit / unit), unit, window
 
 
@@ -199,6 +206,8 @@ def _available(modes: ModeSet, rules: Rules, steps: _Steps) -> NDArray[np.bool_]
             raise ValueError(
                 f"an interval of allowed ends at step {late[0]}, after allowed_period = {phases} steps; split it there"
             )
+    if phases > NODES:
+        raise TooManyNodes(f"allowed tells {phases:,} steps apart; a switching graph has at most {NODES:,} nodes")
     available = np.ones((phases, len(modes)), dtype=bool)
     for mode, given in intervals.items():
         available[:, mode] = False

@@ -7,10 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.limits import Limits
-
-NODES = 100_000
-"""A graph that would have more nodes is refused."""
+from switchctl.limits import NODES, Limits, TooManyNodes
 
 Automaton = Mapping[tuple[Hashable, int], Hashable]
 """The place that follows a place in a mode, for each move allowed."""
@@ -24,7 +21,7 @@ class State(NamedTuple):
     last: int  # the mode before, or -1
     age: int  # the steps it has been held, counted as far as it matters
     switches: int
-    used: Any  # of the budget: in all, or in each step of the window before the coming one
+    used: Any  # of the budget: in all, or in the window before the coming step, as pairs (steps ago, use)
 
 
 class Memory:
@@ -47,14 +44,15 @@ class Memory:
         self.cap = [
             low if math.isinf(high) else int(high) for low, high in zip(limits.min_dwell, limits.max_dwell, strict=True)
         ]
-        last, age, used = -1, 0, 0 if limits.window is None else (0,) * (limits.window - 1)
+        last, age = -1, 0
+        used: Any = 0 if limits.window is None else ()
         if limits.start is not None:
             mode, held = limits.start
             if self.remembers_mode:
                 last, age = mode, min(held, self.cap[mode])
             if limits.use is not None and limits.window is not None:
-                past = min(held, limits.window - 1)
-                used = (0,) * (limits.window - 1 - past) + (limits.use[mode],) * past
+                past = range(min(held, limits.window - 1), 0, -1)
+                used = tuple((ago, limits.use[mode]) for ago in past if limits.use[mode])
         self.first = State(place, 0, last, age, 0, used)
 
     def after(self, state: State, mode: int) -> State | None:
@@ -87,9 +85,13 @@ class Memory:
                 last, age = mode, 1
         if limits.use is not None:
             use = limits.use[mode]
-            if (used if limits.window is None else sum(used)) + use > limits.limit:
+            if _total(used) + use > limits.limit:
                 return None
-            used = used + use if limits.window is None else (*used, use)[1:]
+            if limits.window is None:
+                used += use
+            else:
+                later = [*((ago + 1, past) for ago, past in used), *[(1, use)] * (use > 0)]
+                used = tuple(pair for pair in later if pair[0] < limits.window)
         return State(place, phase, last, age, switches, used)
 
     def label(self, state: State, names: tuple[str, ...]) -> str:
@@ -104,17 +106,17 @@ class Memory:
         if limits.max_switches is not None:
             words.append(f"{limits.max_switches - state.switches} left")
         if limits.use is not None:
-            words.append(f"used {float((state.used if limits.window is None else sum(state.used)) * limits.unit):g}")
-            if limits.window is not None and any(state.used):
-                ago = [str(limits.window - 1 - k) for k, use in enumerate(state.used) if use]
+            words.append(f"used {float(_total(state.used) * limits.unit):g}")
+            if limits.window is not None and state.used:
+                ago = [str(steps) for steps, _ in state.used]
                 words[-1] += f" {'/'.join(ago[:4])}{'/..' * (len(ago) > 4)} ago"
         if limits.available is not None:
             words.append(f"k={state.phase}" + "+" * (not limits.periodic and state.phase == len(limits.available) - 1))
         return ", ".join(words) or "any"
 
 
-class TooManyNodes(ValueError):
-    """The rules ask to remember too much."""
+def _total(used: Any) -> int:
+    return used if isinstance(used, int) else sum(use for _, use in used)
 
 
 def explore(memory: Memory) -> tuple[NDArray[np.intp], list[State]]:

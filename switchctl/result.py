@@ -24,7 +24,7 @@ from switchctl.plain import plain_system, read_list, read_system, read_text
 from switchctl.result_text import facts, heading
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
-from switchctl.validation import frozen, whole_number
+from switchctl.validation import frozen, number, whole_number
 
 if TYPE_CHECKING:
     import pandas
@@ -354,7 +354,7 @@ class Schedule:
                 document["lengthened"],
                 tuple(read_list(document["lead"])),
                 graph,
-                dict(document["statistics"]),
+                {name: number(value, f"statistics[{name!r}]") for name, value in dict(document["statistics"]).items()},
             )
             stored = document["cost"]
             if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from numbers import Integral
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -22,6 +23,9 @@ class _Record:
     def __reduce__(self) -> tuple[Any, ...]:
         told = {name: dict(value) if isinstance(value, Mapping) else value for name, value in vars(self).items()}
         return partial(type(self), **told), ()
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
 
     def told(self, name: str) -> str:
         """A field as one would write it."""
@@ -62,6 +66,8 @@ class Budget(_Record):
     Budget(use={'high': 2.0}, limit=40.0)
     """
 
+    __hash__ = _Record.__hash__
+
     use: Any
     limit: float
     window: float | None = None
@@ -69,7 +75,10 @@ class Budget(_Record):
     def __post_init__(self) -> None:
         object.__setattr__(self, "use", _per_mode(self.use, "use", _at_least_zero))
         object.__setattr__(self, "limit", _at_least_zero(self.limit, "limit"))
-        if self.window is not None and not 0 < number(self.window, "window") < math.inf:
+        if self.window is not None:
+            seconds = number(self.window, "window")
+            object.__setattr__(self, "window", int(seconds) if isinstance(self.window, Integral) else seconds)
+        if self.window is not None and not 0 < self.window < math.inf:
             raise ValueError(f"window is {self.window!r}; expected a positive time, or None for the whole run")
 
 
@@ -130,6 +139,8 @@ class Rules(_Record):
     Rules(min_dwell={'high': 0.05}, time_unit='s')
     """
 
+    __hash__ = _Record.__hash__
+
     min_dwell: Any = None
     max_dwell: Any = math.inf
     transitions: Any = None
@@ -170,7 +181,8 @@ class Rules(_Record):
             if not isinstance(self.budget, Budget):
                 raise TypeError(f"budget must be a Budget(use=.., limit=..), not {self.budget!r}")
             if self.budget.window is not None and self.time_unit == "step":
-                whole_number(self.budget.window, "the budget's window")
+                window = whole_number(self.budget.window, "the budget's window")
+                values["budget"] = replace(self.budget, window=window)
         for name, value in values.items():
             object.__setattr__(self, name, value)
         low, high = self.min_dwell, self.max_dwell
@@ -182,7 +194,10 @@ class Rules(_Record):
         if endless and isinstance(value, float) and value == math.inf:
             return value
         if self.time_unit == "step":
-            return whole_number(value, name, least)
+            steps = whole_number(value, name, least)
+            if steps > 2**53:
+                raise ValueError(f"{name} exceeds {2**53} steps; leave it out if there is no limit")
+            return steps
         seconds = number(value, name)
         if not 0 <= seconds < math.inf or (seconds == 0 and least > 0):
             raise ValueError(f"{name} is {value!r} s; expected a {'positive' if least else 'non-negative'} finite time")

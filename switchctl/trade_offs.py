@@ -9,9 +9,9 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
-from switchctl.memory import TooManyNodes
+from switchctl.limits import TooManyNodes
 from switchctl.methods import Method, Refine
-from switchctl.methods.base import check_state
+from switchctl.methods.base import InfiniteCostError, check_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
@@ -46,7 +46,8 @@ class TradeOff:
     values : tuple of float
         Its settings: a cost, a time in the unit of the rules, or a limit.
     schedules : tuple of Schedule or None
-        One a setting; None where no run obeys, or the switching graph would have too many nodes.
+        One a setting; None where no run obeys, none of finite cost was found, or the switching graph would have too
+        many nodes.
     """
 
     modes: ModeSet
@@ -170,15 +171,17 @@ def trade_off(
     rules, method = Rules() if rules is None else rules, Refine() if method is None else method
     told = _values(modes, x0, rules, over, values, method)
     found: list[Schedule | None] = []
+    best: list[Schedule | None] | None = None
     try:
         for value in tqdm(told, desc="trade-off", unit="schedule", delay=2, leave=False):
             found.append(_attempt(modes, x0, method, rules, over, value))
             if found[-1] is not None and found[-1].status == INTERRUPTED:
                 break
+        best = [_cheapest(own, found) for own in found]
     except KeyboardInterrupt:
         if not found:
             raise
-    return TradeOff(modes, x0, rules, over, tuple(told[: len(found)]), tuple(_cheapest(own, found) for own in found))
+    return TradeOff(modes, x0, rules, over, tuple(told[: len(found)]), tuple(found if best is None else best))
 
 
 def _values(
@@ -196,8 +199,10 @@ def _values(
             raise ValueError("values is empty; give at least one setting")
         return told
     if over == "switch_cost":
-        free = schedule(modes, x0, method, rules=replace(rules, switch_cost=0.0)).cost
-        return [float(f"{share * free:.2g}") for share in _SHARES]
+        free = schedule(modes, x0, method, rules=replace(rules, switch_cost=0.0))
+        if free.status == INTERRUPTED:
+            raise KeyboardInterrupt
+        return [float(f"{share * free.cost:.2g}") for share in _SHARES]
     if over == "min_dwell":
         return [steps if rules.time_unit == "step" else steps * modes.dk for steps in _DWELLS]
     assert rules.budget is not None
@@ -211,7 +216,10 @@ def _attempt(modes: ModeSet, x0: Gaussian, method: Method, rules: Rules, over: s
         graph = SwitchingGraph(modes, replace(rules, **{over: change}))
     except (ContradictionError, TooManyNodes):
         return None
-    return schedule(modes, x0, method, rules=graph)
+    try:
+        return schedule(modes, x0, method, rules=graph)
+    except InfiniteCostError:
+        return None
 
 
 def _cheapest(own: Schedule | None, found: list[Schedule | None]) -> Schedule | None:

@@ -163,6 +163,24 @@ def test_rules_are_immutable_and_copied():
     assert eval(repr(rules)) == rules
 
 
+def test_a_long_window_asks_for_no_more_than_it_must():
+    modes = MODES
+    graph = SwitchingGraph(modes, Rules(budget=Budget(use={"fast": 1}, limit=1, window=5000)))
+    assert len(graph) == 5000
+    for rules in (
+        Rules(budget=Budget(use={"fast": 1}, limit=1, window=10**9)),
+        Rules(allowed={"fast": [(0, 10**12)]}),
+    ):
+        with pytest.raises(ValueError, match="100,000 nodes"):
+            SwitchingGraph(modes, rules)
+
+
+def test_a_mode_is_told_once():
+    with pytest.raises(ValueError, match="min_dwell tells one mode twice"):
+        SwitchingGraph(MODES, Rules(min_dwell={"fast": 3, 0: 5}))
+    assert len({Rules(min_dwell={"fast": 3}), Rules(min_dwell={"fast": 3})}) == 1
+
+
 def test_uses_are_added_as_decimals():
     graph = SwitchingGraph(MODES, Rules(budget=Budget(use={"fast": 0.1}, limit=0.3)))
     graph.walk([0, 0, 0, 1])  # 0.1 + 0.1 + 0.1 > 0.3 in floating point

@@ -16,12 +16,13 @@ from switchctl import (
     ModeSet,
     RecedingHorizon,
     Refine,
+    Rollout,
     Rules,
     Scheduler,
     schedule,
     trade_off,
 )
-from switchctl.methods.lower_bounds import lower_bounds
+from switchctl.methods.lower_bounds import _minorant, lower_bounds
 from switchctl.methods.orbits import Orbit
 from switchctl.moments import svec
 
@@ -80,6 +81,74 @@ def test_lower_bounds_are_below_every_sequence():
                 S = modes.A[mode] @ S @ modes.A[mode].T
             least = min(least, cost + min(np.sum(P * S) for P in modes.tails))
         assert bound <= least * (1 + 1e-12)
+
+
+def test_lower_bounds_hold_for_states_of_unlike_units():
+    rng = np.random.default_rng(8)
+    for _ in range(60):
+        n, m = 2, 2
+        units = 10.0 ** rng.uniform(-6, 6, n)
+        A = random_modes(rng, n, m, (0.2, 0.9)) * units[:, None] / units
+        roots = rng.standard_normal((m, n, 1)) / units[:, None]  # singular weights
+        Q = roots @ np.swapaxes(roots, 1, 2)
+        bounds = lower_bounds(A, Q)
+        for _ in range(20):
+            x = units * rng.standard_normal(n)
+            least = math.inf
+            for sequence in itertools.product(range(m), repeat=7):
+                state, cost = x, 0.0
+                for mode in sequence:
+                    cost += state @ Q[mode] @ state
+                    state = A[mode] @ state
+                ends = [state @ P @ state for P in ModeSet(A, Q=Q).tails]
+                least = min(least, cost + min(ends))
+            assert (bounds @ svec(np.outer(x, x))).max() <= least * (1 + 1e-9)
+
+
+def test_a_minorant_is_below_both():
+    v, u = np.array([1, 1e-4]), np.array([1, -1e4])
+    X, Y = np.outer(v, v), 1e6 * np.diag([1.0, 0.0])
+    L = _minorant(X, Y)
+    assert u @ L @ u <= 1e-9
+    assert np.linalg.eigvalsh(X - L)[0] >= -1e-12
+    assert np.linalg.eigvalsh(Y - L)[0] >= -1e-9
+
+
+def test_a_cost_of_nothing_ends_the_search():
+    g = np.random.default_rng(0)
+    c = g.normal(size=2)
+    x = np.array([-c[1], c[0]])
+    V = np.column_stack([c, x]) / np.linalg.norm(c)
+    modes = ModeSet([V @ np.diag(d) @ V.T for d in ((0.5, 0.9), (0.6, 0.8))], Q=np.outer(c, c))
+    for method in (Refine(), FewSwitches(2)):
+        assert abs(schedule(modes, Gaussian(x, np.zeros((2, 2))), method).cost) < 1e-12
+
+
+def test_more_switches_than_can_be_cost_nothing(pair):
+    one = ModeSet([[[0.5]]])
+    assert schedule(one, Gaussian([1.0], [[0.0]]), FewSwitches(10**6)).cost == pytest.approx(4 / 3)
+    modes, x0 = pair
+    assert len(schedule(modes, x0, FewSwitches(10**6), rules=Rules(max_switches=1)).switches) == 1
+
+
+@pytest.mark.parametrize("at", range(2, 9))
+@pytest.mark.parametrize("method", [Rollout(), FewSwitches(2), RecedingHorizon(5, hold=3)], ids=repr)
+def test_an_interrupt_after_a_decision_leaves_a_whole_schedule(pair, monkeypatch, method, at):
+    modes, x0 = pair
+    rules = Rules(min_dwell=3) if isinstance(method, FewSwitches) else Rules(max_dwell=5)
+    original, count = Scheduler.choose, itertools.count(1)
+
+    def choose(self, S):
+        mode = original(self, S)
+        if next(count) == at:
+            raise KeyboardInterrupt
+        return mode
+
+    whole = schedule(modes, x0, method, steps=at - 1, rules=rules)
+    monkeypatch.setattr(Scheduler, "choose", choose)
+    cut = schedule(modes, x0, method, rules=rules)
+    assert cut.status == "interrupted"
+    assert (cut.sequence.tolist(), cut.lead, cut.tail) == (whole.sequence.tolist(), whole.lead, whole.tail)
 
 
 def test_an_orbit_is_the_powers():

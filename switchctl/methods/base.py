@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +17,11 @@ from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, second_moment, svec
 from switchctl.validation import positive_semidefinite, real_array
+
+
+class InfiniteCostError(ValueError):
+    """No way on costs finitely much, and the method needs one."""
+
 
 TIE = 1e-12
 """A challenger replaces the best so far only if its cost is below ``best * (1 - TIE)``."""
@@ -110,7 +116,18 @@ class Scheduler(ABC):
     def reset(self) -> None:
         """Begin anew: the next sample is the first."""
         self.node, self.last = 0, -1
+        self.interrupted, self.statistics = False, {}
         self.forget()
+
+    def recover(self, sequence: Sequence[int]) -> None:
+        """Stand where a sequence of steps from the start leads, for `tail`.
+
+        Parameters
+        ----------
+        sequence : sequence of int
+            The modes taken.
+        """
+        self.node, self.last = int(self.graph.walk(sequence)[-1]), sequence[-1]
 
     def forget(self) -> None:  # noqa: B027  a scheduler without memory has nothing to forget
         """Forget what the method itself remembers; `reset` calls it."""
@@ -216,7 +233,10 @@ class Scheduler(ABC):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
                 raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
-            return self.choose(S)
+            interrupted, mode = self.interrupted, self.choose(S)
+        if self.interrupted and not interrupted:
+            raise KeyboardInterrupt  # the loop that calls is meant, not the search alone
+        return mode
 
 
 class Method(ABC):

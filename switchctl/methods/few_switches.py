@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
 from switchctl.methods.lower_bounds import lower_bounds
 from switchctl.methods.orbits import Orbit, held_nodes
 from switchctl.methods.planning import Plan, PlanningScheduler
@@ -80,7 +80,8 @@ class _FewSwitchesScheduler(PlanningScheduler):
 
     def __init__(self, graph: SwitchingGraph, max_switches: int) -> None:
         super().__init__(graph)
-        self.max_switches = max_switches
+        allowed = graph.rules.max_switches
+        self.max_switches = max_switches if allowed is None else min(max_switches, allowed)
         modes, n = self.modes, self.modes.A.shape[-1]
         self.orbits = [Orbit(K) for K in moment_maps(modes.A)]
         self.stages, self.identity = svec(modes.Q), svec(np.eye(n))
@@ -88,13 +89,14 @@ class _FewSwitchesScheduler(PlanningScheduler):
         final = [P is not None and graph.price[i] == 0 for i, P in enumerate(modes.tails)]
         self.final = np.isinf(graph.holds) & final  # which mode may be held for ever at finite cost from a node
         self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
-        self.bounds = lower_bounds(modes.A, modes.Q)
         self.suffixes: dict[tuple[int, int], Array] = {}
         if fewest_switches(graph, self.final) > max_switches:
-            raise ValueError(
+            raise InfiniteCostError(
                 f"FewSwitches({max_switches}) ends in a mode held for ever at finite cost, and {graph.rules!r} and the "
                 f"modes leave none after at most {max_switches} switches"
             )
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.bounds = lower_bounds(modes.A, modes.Q)
 
     def search(self, S: Array) -> Plan:
         self.best, self.compared = np.inf, 0
@@ -104,10 +106,13 @@ class _FewSwitchesScheduler(PlanningScheduler):
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 for switches in range(self.max_switches + 1):  # the best with fewer cuts branches of the next round
+                    self.used_up = switches == 0  # whether some schedule has so many; else none has more
                     for i in firsts:
                         left = switches - (before >= 0 and i != before)
                         if left >= 0:
                             self._explore(0, i, s, self._switch(graph.last_mode[0], i, s), left, ())
+                    if not self.used_up:
+                        break
         except KeyboardInterrupt:
             if not self.blocks:
                 raise
@@ -123,7 +128,8 @@ class _FewSwitchesScheduler(PlanningScheduler):
         """Compare schedules, those not allowed at inf, with the best known: the place of a better one, if any."""
         self.compared += int(np.isfinite(costs).sum())
         place = int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
-        if place is None or not costs.flat[place] < self.best * (1 - TIE):
+        tie = TIE * abs(self.best) if np.isfinite(self.best) else 0.0
+        if place is None or not costs.flat[place] < self.best - tie:
             return None
         self.best = float(costs.flat[place])
         return place
@@ -137,10 +143,12 @@ class _FewSwitchesScheduler(PlanningScheduler):
         if self.final[node, i] and self._offer(np.array([cost + self.tails[i] @ s])) is not None:
             self.blocks = [*past, (i, 0)]
         if left == 0:
+            self.used_up = True
             return
         block = self._hold(node, i, s, cost)
         others = [j for j in range(len(self.modes)) if j != i]
         steps = np.arange(1, len(block.costs))
+        self.used_up = self.used_up or (left <= 2 and bool(others))
         for j in others:
             moments, nodes = block.moments[1:], block.nodes[1:]
             costs = block.costs[1:] + self._switch(i, j, moments)
@@ -170,7 +178,7 @@ class _FewSwitchesScheduler(PlanningScheduler):
             end = int((over | gone).argmax()) if (over | gone).any() else len(costs)
             if end < len(costs) or len(nodes) <= length or length >= CEILING:
                 return _Block(nodes[:end], moments[:end], costs[:end])
-            length *= 4
+            length = min(4 * length, CEILING)
 
     def _suffix(self, j: int, last: int) -> Array:
         """Rows for ``svec(S)``: mode j for t = 1 .. steps and then the last mode for ever, apart from constants."""

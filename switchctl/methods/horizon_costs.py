@@ -8,7 +8,7 @@ import numpy as np
 
 from switchctl.continuation import Value, switched
 from switchctl.gramians import horizon_gramians, transform
-from switchctl.methods.base import Scheduler
+from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array, svec
 
@@ -58,8 +58,8 @@ class HorizonCosts:
         ways = self.scheduler.continuations
         numbers, rows, constants = ways.table(node)
         if not numbers:
-            raise ValueError(
-                f"an infinite horizon needs a way to go on at finite cost, and {self.graph.rules!r} leave none"
+            raise InfiniteCostError(
+                f"an infinite horizon needs a way to go on at finite cost; under {self.graph.rules!r} none was found"
             )
         paths = (ways.path(node, number) for number in numbers)
         return Candidates(rows, constants, [list(islice(chain(lead, cycle(word)), self.hold)) for lead, word in paths])

@@ -10,6 +10,7 @@ from switchctl.gramians import transform
 from switchctl.moments import Array, svec
 
 _ROUNDS = 1000
+_NEGATIVE = 1e-3  # margins may make L a little indefinite; beyond this they grow and the bounds so far must do
 
 
 def lower_bounds(A: Array, Q: Array) -> Array:
@@ -23,28 +24,53 @@ def lower_bounds(A: Array, Q: Array) -> Array:
     Returns
     -------
     array, shape (r, n (n + 1) / 2)
-        A margin for rounding is taken off.
+        Margins for rounding are taken off.
     """
-    bounds, L = [], np.zeros_like(A[0])
+    bounds, L = [np.zeros_like(A[0])], np.zeros_like(A[0])
     for t in range(1, _ROUNDS + 1):
-        each = Q + transform(A, L)
+        each = [_below(Q[i], A[i], L) for i in range(len(A))]
         last, L = L, each[0]
         for X in each[1:]:
             L = _minorant(L, X)
+        d = _scales(np.abs(L))
+        if np.linalg.eigvalsh(L / np.outer(d, d))[0] < -_NEGATIVE:
+            break
         done = np.linalg.norm(L - last) <= 1e-6 * np.linalg.norm(L)
         if t & (t - 1) == 0 or done or t == _ROUNDS:
-            bounds.append(L - 1e-12 * np.linalg.norm(L) * np.eye(len(L)))
+            bounds.append(L)
         if done:
             break
     return svec(np.stack(bounds))
 
 
+def _below(Q: Array, A: Array, L: Array) -> Array:
+    """``Q + A' L A``, less a bound of the rounding in it.
+
+    A symmetric error with entries up to B is below ``diag(sum_j B_ij d_j / d_i)`` for every d > 0.
+    """
+    B = 4 * (len(A) + 2) * np.finfo(float).eps * (np.abs(A).T @ np.abs(L) @ np.abs(A) + np.abs(Q))
+    d = _scales(B)
+    return Q + transform(A, L) - np.diag((B @ d) / d)
+
+
 def _minorant(X: Array, Y: Array) -> Array:
-    """A greatest matrix below two positive semidefinite ones, least where both are least in common coordinates."""
+    """A great matrix below two others: least where both are least in common coordinates, and checked."""
+    d = _scales(np.abs(X) + np.abs(Y))
+    X, Y = X / np.outer(d, d), Y / np.outer(d, d)
     weights, vectors = np.linalg.eigh(X + Y)
-    seen = weights > 1e-14 * weights[-1]
+    seen = weights > 1e-12 * weights[-1]
     root = vectors[:, seen] * np.sqrt(weights[seen])  # X + Y = root root'
     inverse = vectors[:, seen] / np.sqrt(weights[seen])
     shares, turn = np.linalg.eigh(inverse.T @ X @ inverse)  # those of Y are 1 - shares
     both = root @ turn
-    return (both * np.clip(np.minimum(shares, 1 - shares), 0, None)) @ both.T
+    L = (both * np.minimum(shares, 1 - shares)) @ both.T
+    L = (L + L.T) / 2
+    above = max(0.0, *(-np.linalg.eigvalsh(other - L)[0] for other in (X, Y)))
+    rounding = 16 * len(X) ** 2 * np.finfo(float).eps * (1 + np.abs(L).max())
+    return (L - (above + rounding) * np.eye(len(L))) * np.outer(d, d)
+
+
+def _scales(X: Array) -> Array:
+    """Units of the states in which the diagonal is 1."""
+    diagonal = np.sqrt(np.diag(X))
+    return np.where(diagonal > 0, diagonal, max(float(diagonal.max()), 1.0) * 1e-150)

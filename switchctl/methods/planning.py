@@ -1,6 +1,7 @@
 """Schedulers that plan the whole run at its first sample, and then follow the plan."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 from switchctl.continuation import shortest
 from switchctl.methods.base import Scheduler
@@ -31,6 +32,10 @@ class PlanningScheduler(Scheduler):
     def forget(self) -> None:  # noqa: D102
         self.plan: Plan | None = None
         self.k = 0
+
+    def recover(self, sequence: Sequence[int]) -> None:  # noqa: D102
+        super().recover(sequence)
+        self.k = len(sequence)
 
     def decide(self, S: Array) -> int:  # noqa: D102
         if self.plan is None:

@@ -50,7 +50,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     """
     sequence: list[int] = []
     lengthened: list[tuple[int, int]] = []
-    start = np.vdot(F, F)
+    first, start = F, np.vdot(F, F)
     status = "number of steps reached" if steps is not None else "ceiling of steps reached"
     try:
         for k in _counted(CEILING if steps is None else steps):
@@ -70,13 +70,17 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             if steps is None and w2 <= CONVERGED * start:
                 status = "converged"
                 break
-            if steps is None and w2 >= start / CONVERGED:
+            if steps is None and w2 * CONVERGED >= start:
                 status = "diverged"
                 break
     except KeyboardInterrupt:
         if not sequence:
             raise
         status = INTERRUPTED
+        scheduler.recover(sequence)  # it may have been a step ahead
+        F = first
+        for mode in sequence:
+            F = scheduler.modes.A[mode] @ F
     return Prediction(sequence, lengthened, F, status)
 
 

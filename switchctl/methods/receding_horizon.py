@@ -77,6 +77,8 @@ class RecedingHorizon(Method):
             horizon = _checked(horizon, "horizon")  # type: ignore[arg-type]
         object.__setattr__(self, "horizon", horizon)
         object.__setattr__(self, "hold", whole_number(self.hold, "hold"))
+        if self.hold > _LONGEST:
+            raise ValueError(f"hold is {self.hold}; expected at most {_LONGEST:,} steps")
         if self.decrease is not None:
             object.__setattr__(self, "decrease", number(self.decrease, "decrease"))
             if not 0 < self.decrease < 1:

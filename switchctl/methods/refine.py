@@ -10,9 +10,9 @@ from tqdm import tqdm
 
 from switchctl.continuation import lasting
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
 from switchctl.methods.planning import Plan, PlanningScheduler
-from switchctl.methods.prediction import predict
+from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, moment_maps, svec
@@ -96,17 +96,20 @@ class _RefineScheduler(PlanningScheduler):
     def search(self, S: Array) -> Plan:
         self.base.reset()
         F = moment_factor(np.zeros(len(S)), S)
-        sequence, _, F, _ = predict(self.base, F, None)
+        sequence, _, F, status = predict(self.base, F, None)
         lead, word = self.base.tail(F @ F.T)
         path = np.array([*sequence, *lead], dtype=np.intp)
         state, switching = word_costs(self.graph, word)
         if state is None or switching is None or self.graph.price[list(word)].any():
-            raise ValueError(
+            raise InfiniteCostError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
                 "that ends at finite cost: in a mode held for ever or, under rules that make it switch, in a cycle"
             )
         self.word, self.word_P = word, svec(state + switching / self.modes.dk)
         cost = start = self._cost(path, S)
+        if self.base.interrupted or status == INTERRUPTED:
+            self.interrupted = True
+            return tuple(path.tolist()), word
         sweeps = moves = 0
         try:
             with tqdm(desc="refine", unit="round", delay=2, leave=False) as progress:
@@ -114,10 +117,10 @@ class _RefineScheduler(PlanningScheduler):
                 while failed < 2 and progress.n < _ROUNDS:
                     better = self._sweep(path, S) if sweeping else self._move(path, S)
                     found, gain = self._cost(better, S), 0.0
-                    if found < cost * (1 - TIE):
+                    if found < cost - TIE * abs(cost):
                         sweeps, moves = sweeps + sweeping, moves + (not sweeping)
                         path, cost, gain = better, found, cost - found
-                    sweeping, failed = (True, 0) if gain > _WORTH * cost else (not sweeping, failed + 1)
+                    sweeping, failed = (True, 0) if gain > _WORTH * abs(cost) else (not sweeping, failed + 1)
                     progress.set_postfix(cost=f"{self.modes.dk * cost:.8g}", refresh=False)
                     progress.update()
         except KeyboardInterrupt:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.base import InfiniteCostError, Method, Scheduler, least_cost
 from switchctl.methods.constant import require_schur
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
@@ -57,7 +57,9 @@ class _RolloutScheduler(Scheduler):
                     moves.append(i)
                     values.append(ways.before(self.node, i, ways.value(head, number)))
             if not values:
-                raise ValueError(f"Rollout needs a way to go on at finite cost, and {self.graph.rules!r} leave none")
+                raise InfiniteCostError(
+                    f"Rollout needs a way to go on at finite cost, and under {self.graph.rules!r} none was found"
+                )
             rows = svec(np.stack([value.P for value in values]))
             self.tables[self.node] = moves, rows, np.array([value.constant for value in values])
         return self.tables[self.node]
