@@ -8,7 +8,17 @@ from itertools import product
 import numpy as np
 import pytest
 from enumeration import check_few_switches, graph_of, longest_run, run_of
-from random_rules import KINDS, instances, none, seconds
+from random_rules import (
+    KINDS,
+    instances,
+    max_dwell,
+    min_dwell,
+    none,
+    price,
+    seconds,
+    switch_cost,
+    switch_cost_per_w2,
+)
 from rule_checker import costs_of, true_cost, true_parts, violations
 
 from switchctl import (
@@ -167,6 +177,26 @@ def test_every_method_obeys(kind, bounds_once):
             assert online == result.sequence.tolist(), (rules, method)
 
 
+@pytest.mark.parametrize("kind", [min_dwell, max_dwell, switch_cost, switch_cost_per_w2, price])
+def test_a_finite_horizon_compares_modes_held_for_as_long_as_the_rules_allow(kind):
+    for modes, x0, rules, rng in instances(kind, 40, 8):
+        if not modes.schur.all() or not np.isinf(SwitchingGraph(modes, rules).holds).any(axis=1).all():
+            continue  # some moves leave no way on at finite cost, and are none
+        T = int(rng.integers(1, 6))
+        chosen = schedule(modes, x0, RecedingHorizon(T), 6, rules).sequence.tolist()
+        for k in range(6):
+            best = {}
+            for i in range(len(modes)):
+                holds = [h for h in range(1, T + 2) if not violations(modes, rules, [*chosen[:k], *[i] * h])]
+                plans = [[i] * max(holds, default=0)]
+                if 0 < len(plans[0]) <= T:
+                    plans = [[*plans[0], *[j] * (T + 1 - len(plans[0]))] for j in range(len(modes)) if j != i]
+                costs = [true_cost(modes, x0, rules, chosen[:k] + plan) for plan in plans if plan]
+                if costs:
+                    best[i] = min(costs)
+            assert best[chosen[k]] <= min(best.values()) * (1 + 1e-9), (rules, T, k)
+
+
 @each_kind
 def test_constant_holds_as_soon_as_the_rules_allow(kind):
     for modes, x0, rules, rng in instances(kind, 10, 4):
@@ -227,6 +257,7 @@ def test_refine_never_costs_more_than_its_base(bounds_once):
             assert (refined is not None) == math.isfinite(result.cost)
             if refined is not None:
                 assert refined.cost <= result.cost * (1 + 1e-9), (rules, base)
+                assert refined.statistics["start"] == pytest.approx(result.cost, rel=1e-9)
                 assert violations(modes, rules, run_of(refined)) == []
                 compared, improved = compared + 1, improved + (refined.cost < result.cost * (1 - 1e-9))
     assert compared >= 1000
