@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from switchctl.gaussian import Gaussian
-from switchctl.graph import SwitchingGraph
+from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Constant, Method, single_mode_costs
 from switchctl.methods.base import check_state
 from switchctl.methods.prediction import INTERRUPTED
@@ -75,7 +75,7 @@ class Comparison:
         """
         costs = self.single_costs
         best = costs.min() if np.isfinite(costs).any() else None
-        alone = [self._alone(mode, bool(np.isfinite(cost))) for mode, cost in enumerate(costs)]
+        alone = [self._alone(mode, w2, bool(np.isfinite(costs[mode]))) for mode, w2 in enumerate(self.single_w2)]
         singles = zip(self.modes.names, self.modes.spectral_radii, costs, alone, strict=True)
         entries: list[tuple[Any, ...]] = [(name, float(radius), cost, *found) for name, radius, cost, found in singles]
         entries += [(label, None, s.cost, s.w2.max(), len(s.switches)) for label, s in self.schedules.items()]
@@ -91,11 +91,11 @@ class Comparison:
             for label, radius, cost, peak, switches in entries
         ]
 
-    def _alone(self, mode: int, allowed: bool) -> tuple[float, int]:
+    def _alone(self, mode: int, w2: Array, allowed: bool) -> tuple[float, int]:
         """Peak W2 and switches of a single mode, under the rules where they allow it."""
         graph = self._graph
         if graph.free or not allowed:
-            return float(self.single_w2[mode].max()), 0
+            return float(w2.max()), 0
         result = schedule(self.modes, self.x0, Constant(mode), self.steps, graph)
         return float(result.w2.max()), len(result.switches)
 
@@ -198,7 +198,7 @@ def compare(
             raise TypeError(f"methods is labelled with {label!r}; labels are strings")
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
-    graph = rules if isinstance(rules, SwitchingGraph) else SwitchingGraph(modes, rules)
+    graph = graph_under(modes, rules)
     schedules: dict[str, Schedule] = {}
     for label, method in labelled.items():
         result = schedule(modes, x0, method, steps, graph)

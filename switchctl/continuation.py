@@ -4,6 +4,7 @@ For each mode that may be held for ever: the shortest way to a node where it may
 way costs finitely much: the shortest cycles of the graph instead.
 """
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -12,13 +13,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from switchctl.gramians import transform, word_tail
+from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph
 from switchctl.moments import Array, svec
+from switchctl.tail_costs import word_value
 
 _CYCLES = 32
 
 Nodes = NDArray[np.intp]
+
+Plan = tuple[tuple[int, ...], tuple[int, ...]]
+"""How a run goes on: the modes taken once, and the word repeated for ever after."""
 
 
 class Value(NamedTuple):
@@ -31,7 +36,8 @@ class Value(NamedTuple):
 class Way(NamedTuple):
     """One way on: the mode it takes next from each node (-1: it doesn't lead there), and its end.
 
-    From the nodes of ``ends`` it repeats a word for ever, which costs P; None where that is not finite.
+    From the nodes of ``ends`` it repeats a word for ever, which costs P, apart from the switch to its first mode; None
+    where that is not finite.
     """
 
     policy: Nodes
@@ -87,35 +93,18 @@ class Continuations:
             if np.isinf(there).all():
                 continue
             policy[u] = there.argmin()
-            nodes, modes = self._cycle(policy, u)
-            steps = [self._step(v, i) for v, i in zip(nodes, modes, strict=True)]
-            free = all(step.constant == 0 for step in steps)
-            weights = np.stack([step.P for step in steps])
-            P = word_tail(graph.modes.A[modes], weights, tuple(range(len(modes)))) if free else None
-            if P is not None:
-                self._values[len(self.ways) + len(ways), u] = Value(P, 0.0)
-            ways.append(Way(policy, ends, P))
+            word = tuple(_walk(graph, policy, u)[0])
+            ways.append(Way(policy, ends, word_value(graph, word)))
         return ways
-
-    def _cycle(self, policy: Nodes, u: int) -> tuple[list[int], list[int]]:
-        nodes, modes, v = [u], [int(policy[u])], int(self.graph.successor[u, policy[u]])
-        while v != u:
-            nodes.append(v)
-            modes.append(int(policy[v]))
-            v = int(self.graph.successor[v, policy[v]])
-        return nodes, modes
-
-    def _step(self, v: int, mode: int) -> Value:
-        """What one step costs."""
-        return switched(self.graph, v, mode, Value(self.graph.modes.Q[mode], self.graph.price[mode]))
 
     def before(self, v: int, mode: int, value: Value) -> Value:
         """What a step in a mode from a node and then a way of known value cost."""
-        step = self._step(v, mode)
-        return Value(step.P + transform(self.graph.modes.A[mode], value.P), step.constant + value.constant)
+        modes = self.graph.modes
+        step = switched(self.graph, v, mode, Value(modes.Q[mode], self.graph.price[mode]))
+        return Value(step.P + transform(modes.A[mode], value.P), step.constant + value.constant)
 
     def value(self, v: int, number: int) -> Value:
-        """What a way (by its number) that is finite there costs from a node."""
+        """What a way (by its number) that is finite there costs from a node, with the switch to it."""
         way, path = self.ways[number], []
         while (number, v) not in self._values and not way.ends[v]:
             path.append(v)
@@ -132,31 +121,41 @@ class Continuations:
         """The finite ways from a node: their numbers, and their costs as rows for ``svec(S)`` and constants."""
         if v not in self._tables:
             numbers = np.flatnonzero(self.finite[:, v]).tolist()
-            values = [self.value(v, number) for number in numbers]
-            n = self.graph.modes.A.shape[-1]
-            P = np.array([value.P for value in values]).reshape(-1, n, n)
-            self._tables[v] = numbers, svec(P), np.array([value.constant for value in values])
+            self._tables[v] = numbers, *as_rows(self.graph, [self.value(v, number) for number in numbers])
         return self._tables[v]
 
-    def path(self, v: int, number: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def path(self, v: int, number: int) -> Plan:
         """The modes of a way from a node: those taken once, and the word repeated for ever after."""
         return policy_path(self.graph, self.ways[number].policy, v)
 
 
-def wander(graph: SwitchingGraph, v: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def wander(graph: SwitchingGraph, v: int) -> Plan:
     """Some way to go on for ever, at whatever cost: always the first mode allowed."""
     return policy_path(graph, (graph.successor >= 0).argmax(axis=1), v)
 
 
-def policy_path(graph: SwitchingGraph, policy: Nodes, v: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The modes of a policy on the nodes from one of them: those taken once, and the word repeated for ever after."""
+def policy_path(graph: SwitchingGraph, policy: Nodes, v: int) -> Plan:
+    """The modes of a policy on the nodes from one of them."""
+    modes, begin = _walk(graph, policy, v)
+    return shortest(tuple(modes[:begin]), tuple(modes[begin:]))
+
+
+def _walk(graph: SwitchingGraph, policy: Nodes, v: int) -> tuple[list[int], int]:
+    """The modes that a policy takes from a node until a node returns, and the step at which that was first left."""
     seen: dict[int, int] = {}
     modes: list[int] = []
     while v not in seen:
         seen[v] = len(modes)
         modes.append(int(policy[v]))
         v = int(graph.successor[v, modes[-1]])
-    return shortest(tuple(modes[: seen[v]]), tuple(modes[seen[v] :]))
+    return modes, seen[v]
+
+
+def as_rows(graph: SwitchingGraph, values: Sequence[Value]) -> tuple[Array, Array]:
+    """Values as rows for ``svec(S)``, and constants."""
+    n = graph.modes.A.shape[-1]
+    P = np.array([value.P for value in values]).reshape(-1, n, n)
+    return svec(P), np.array([value.constant for value in values])
 
 
 def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:
@@ -166,7 +165,7 @@ def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:
     return Value(value.P + by_w2 * np.eye(len(value.P)) if by_w2 else value.P, float(value.constant + fixed))
 
 
-def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> Plan:
     """The same modes, a lead and a word repeated for ever, told as briefly as can be."""
     for period in range(1, len(word) + 1):
         if len(word) % period == 0 and word == word[:period] * (len(word) // period):

@@ -362,6 +362,14 @@ def _rebuilt(modes: ModeSet, rules: Rules, automaton: Automaton | None, place: H
     return graph
 
 
+def graph_under(modes: ModeSet, rules: Rules | SwitchingGraph | None) -> SwitchingGraph:
+    """The graph of modes under rules, or the graph given in their place, which must be of the same modes."""
+    graph = rules if isinstance(rules, SwitchingGraph) else SwitchingGraph(modes, rules)
+    if graph.modes is not modes:
+        raise ValueError("rules is a SwitchingGraph of other modes; give schedule that graph's .modes")
+    return graph
+
+
 def as_graph(modes: ModeSet | SwitchingGraph) -> SwitchingGraph:
     """The graph given, or that of modes without rules."""
     if not isinstance(modes, ModeSet | SwitchingGraph):

@@ -1,7 +1,7 @@
 """The verb: run a method along the predicted moments."""
 
 from switchctl.gaussian import Gaussian
-from switchctl.graph import SwitchingGraph
+from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
 from switchctl.methods.base import check_state
 from switchctl.methods.prediction import INTERRUPTED, predict
@@ -68,9 +68,7 @@ def schedule(
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
     steps = None if steps is None else whole_number(steps, "steps")
-    graph = rules if isinstance(rules, SwitchingGraph) else SwitchingGraph(modes, rules)
-    if graph.modes is not modes:
-        raise ValueError("rules is a SwitchingGraph of other modes; give schedule that graph's .modes")
+    graph = graph_under(modes, rules)
     scheduler = method.start(graph)
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
     lead, word = scheduler.tail(F @ F.T)

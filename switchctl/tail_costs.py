@@ -51,6 +51,27 @@ def tail_parts(graph: SwitchingGraph, before: int, lead: tuple[int, ...], word: 
     return CostParts(float(state), float(switching), float(running))
 
 
+def word_value(graph: SwitchingGraph, word: tuple[int, ...]) -> Array | None:
+    """Cost matrix per dk of a word repeated for ever, apart from the switch to its first mode.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The modes and what switches cost.
+    word : tuple of int
+        The modes.
+
+    Returns
+    -------
+    array, shape (n, n), or None
+        None where it is infinite.
+    """
+    state, switching = word_costs(graph, word)
+    if state is None or switching is None or graph.price[list(word)].any():
+        return None
+    return state + switching / graph.modes.dk
+
+
 def word_costs(graph: SwitchingGraph, word: tuple[int, ...]) -> tuple[Array | None, Array | None]:
     """Cost matrices of a word repeated for ever, apart from the switch to its first mode.
 

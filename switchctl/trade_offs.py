@@ -69,21 +69,19 @@ class TradeOff:
         """
         return [{"value": value, **_record(result)} for value, result in zip(self.values, self.schedules, strict=True)]
 
-    def _cells(self) -> list[list[str]]:
-        rows = self.rows()
-        keys = [key for key in rows[0] if key == "value" or any(row[key] is not None for row in rows)]
-        return [["-" if row[key] is None else f"{row[key]:.6g}" for key in keys] for row in rows]
-
-    def _header(self) -> list[str]:
+    def _table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and cells; columns that hold nothing are left out."""
         told = {"value": self.over.replace("_", " "), "state": "of which state", "dwell": "shortest dwell"}
         rows = self.rows()
-        return [told.get(key, key) for key in rows[0] if key == "value" or any(row[key] is not None for row in rows)]
+        keys = [key for key in rows[0] if key == "value" or any(row[key] is not None for row in rows)]
+        cells = [["-" if row[key] is None else f"{row[key]:.6g}" for key in keys] for row in rows]
+        return [told.get(key, key) for key in keys], cells
 
     def __repr__(self) -> str:
-        return text_table(self._header(), self._cells())
+        return text_table(*self._table())
 
     def _repr_html_(self) -> str:
-        return html_table(self._header(), self._cells(), f"What {self.over} costs")
+        return html_table(*self._table(), f"What {self.over} costs")
 
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw the cost of the state against switches, dwell or use; see `switchctl.plotting.plot_trade_off`.
@@ -224,14 +222,16 @@ def _attempt(modes: ModeSet, x0: Gaussian, method: Method, rules: Rules, over: s
 
 def _cheapest(own: Schedule | None, found: list[Schedule | None]) -> Schedule | None:
     """The cheapest of all schedules found that the rules of one allow."""
+    if own is None:
+        return None
     best = own
     for other in found:
-        if own is None or other is None or other is own:
+        if other is None or other is own:
             continue
         try:
             tried = replace(own, sequence=other.sequence, lead=other.lead, tail=other.tail, lengthened=())
         except ValueError:  # against the rules
             continue
-        if best is not None and tried.cost < best.cost:
+        if tried.cost < best.cost:
             best = tried
     return best

@@ -50,7 +50,7 @@ def test_moves_leave_a_local_optimum_of_the_sweeps(quadrotor, monkeypatch):
     result = schedule(*quadrotor, Refine(base))
     assert result.statistics["moves"] > 0
     assert result.cost == pytest.approx(45.6486, abs=5e-5)
-    monkeypatch.setattr(switchctl.methods.refine._RefineScheduler, "_move", lambda self, path, S: path)
+    monkeypatch.setattr(switchctl.methods.refine._RefineScheduler, "_move", lambda self, run, rest: run.path)
     assert schedule(*quadrotor, Refine(base)).cost == pytest.approx(46.7102, abs=5e-5)
 
 

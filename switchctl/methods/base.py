@@ -11,7 +11,7 @@ import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
-from switchctl.continuation import Continuations, wander
+from switchctl.continuation import Continuations, Plan, wander
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
@@ -167,7 +167,7 @@ class Scheduler(ABC):
         self.node, self.last = head, mode
         return mode
 
-    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def tail(self, S: Array) -> Plan:
         """Name the modes that follow a schedule's last step.
 
         Parameters
@@ -186,7 +186,7 @@ class Scheduler(ABC):
         held = np.isinf(self.graph.holds[self.node, self.last])
         return self.cheapest_way(S) or (((), (self.last,)) if held else wander(self.graph, self.node))
 
-    def cheapest_way(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    def cheapest_way(self, S: Array) -> Plan | None:
         """The way on that costs least, as `tail` names it; None where none costs finitely much.
 
         Parameters

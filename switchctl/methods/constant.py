@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from switchctl.continuation import Continuations, Nodes, policy_path, way_to_hold
+from switchctl.continuation import Continuations, Nodes, Plan, policy_path, way_to_hold
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, check_state, least_cost
@@ -51,7 +51,7 @@ class _ConstantScheduler(Scheduler):
     def decide(self, S: Array) -> int:
         return int(self.policy[self.node])
 
-    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def tail(self, S: Array) -> Plan:
         return policy_path(self.graph, self.policy, self.node)
 
 
@@ -80,15 +80,14 @@ def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
     >>> single_mode_costs(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]]))
     array([12., inf])
     """
-    graph = modes if isinstance(modes, SwitchingGraph) else None
-    modes = modes.modes if isinstance(modes, SwitchingGraph) else modes
-    check_state(modes, x0)
-    S, costs = x0.second_moment, np.full(len(modes), np.inf)
-    ways = Continuations(SwitchingGraph(modes) if graph is None else graph)
+    check_state(modes.modes if isinstance(modes, SwitchingGraph) else modes, x0)
+    graph = as_graph(modes)
+    S, costs = x0.second_moment, np.full(len(graph.modes), np.inf)
+    ways = Continuations(graph)
     for mode, number in ways.held.items():
         if ways.finite[number, 0]:
             value = ways.value(0, number)
-            costs[mode] = modes.dk * (np.sum(value.P * S) + value.constant)
+            costs[mode] = graph.modes.dk * (np.sum(value.P * S) + value.constant)
     return costs
 
 

@@ -2,20 +2,22 @@
 
 from collections import deque
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from switchctl.continuation import Plan
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
 from switchctl.methods.lower_bounds import lower_bounds
 from switchctl.methods.orbits import Orbit, held_nodes
-from switchctl.methods.planning import Plan, PlanningScheduler
+from switchctl.methods.planning import PlanningScheduler
 from switchctl.methods.prediction import CEILING
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, moment_maps, svec
+from switchctl.moments import Array, svec
 from switchctl.validation import whole_number
 
 _CHUNK = 256
@@ -82,21 +84,24 @@ class _FewSwitchesScheduler(PlanningScheduler):
         super().__init__(graph)
         allowed = graph.rules.max_switches
         self.max_switches = max_switches if allowed is None else min(max_switches, allowed)
-        modes, n = self.modes, self.modes.A.shape[-1]
-        self.orbits = [Orbit(K) for K in moment_maps(modes.A)]
-        self.stages, self.identity = svec(modes.Q), svec(np.eye(n))
-        self.tails = svec(np.stack([np.zeros((n, n)) if P is None else P for P in modes.tails]))
+        modes = self.modes
+        self.orbits = [Orbit(K) for K in self.maps]
+        self.tails = svec(
+            np.stack([np.zeros_like(Q) if P is None else P for P, Q in zip(modes.tails, modes.Q, strict=True)])
+        )
         final = [P is not None and graph.price[i] == 0 for i, P in enumerate(modes.tails)]
         self.final = np.isinf(graph.holds) & final  # which mode may be held for ever at finite cost from a node
-        self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
         self.suffixes: dict[tuple[int, int], Array] = {}
         if fewest_switches(graph, self.final) > max_switches:
             raise InfiniteCostError(
                 f"FewSwitches({max_switches}) ends in a mode held for ever at finite cost, and {graph.rules!r} and the "
                 f"modes leave none after at most {max_switches} switches"
             )
-        with np.errstate(over="ignore", invalid="ignore"):
-            self.bounds = lower_bounds(modes.A, modes.Q)
+
+    @cached_property
+    def bounds(self) -> Array:
+        """What goes on from a moment costs at least ``max_j bounds[j] . svec(S)``."""
+        return lower_bounds(self.modes.A, self.modes.Q)
 
     def search(self, S: Array) -> Plan:
         self.best, self.compared = np.inf, 0
@@ -110,7 +115,7 @@ class _FewSwitchesScheduler(PlanningScheduler):
                     for i in firsts:
                         left = switches - (before >= 0 and i != before)
                         if left >= 0:
-                            self._explore(0, i, s, self._switch(graph.last_mode[0], i, s), left, ())
+                            self._explore(0, i, s, self.switch(graph.last_mode[0], i, s), left, ())
                     if not self.used_up:
                         break
         except KeyboardInterrupt:
@@ -119,10 +124,6 @@ class _FewSwitchesScheduler(PlanningScheduler):
             self.interrupted = True
         self.statistics = {"schedules compared": self.compared}
         return tuple(mode for mode, steps in self.blocks for _ in range(steps)), (self.blocks[-1][0],)
-
-    def _switch(self, before: int, mode: int, s: Array) -> Any:
-        """Cost of a switch at one moment, or at each of several."""
-        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
 
     def _offer(self, costs: Array) -> int | None:
         """Compare schedules, those not allowed at inf, with the best known: the place of a better one, if any."""
@@ -151,7 +152,7 @@ class _FewSwitchesScheduler(PlanningScheduler):
         self.used_up = self.used_up or (left <= 2 and bool(others))
         for j in others:
             moments, nodes = block.moments[1:], block.nodes[1:]
-            costs = block.costs[1:] + self._switch(i, j, moments)
+            costs = block.costs[1:] + self.switch(i, j, moments)
             ends = np.where(self.final[nodes, j], costs + moments @ self.tails[j], np.inf)
             if (k := self._offer(ends)) is not None:
                 self.blocks = [*past, (i, k + 1), (j, 0)]

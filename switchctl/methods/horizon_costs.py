@@ -1,16 +1,18 @@
 """What each mode costs over a horizon, from a node of the switching graph."""
 
 import math
+from functools import cached_property
 from itertools import chain, cycle, islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from switchctl.continuation import Value, switched
+from switchctl.continuation import Value, as_rows, switched
 from switchctl.gramians import horizon_gramians, transform
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
-from switchctl.moments import Array, svec
+from switchctl.moments import Array
 
 _TABLES = 1024
 
@@ -68,7 +70,7 @@ class HorizonCosts:
         """Every mode held over ``k = 0 .. T``, or as long as the rules allow and then another that they allow."""
         graph, A = self.graph, self.graph.modes.A
         values, plans = [], []
-        for i in self._moves(node):
+        for i in np.flatnonzero(self.moves[node]).tolist():
             longest = graph.holds[node, i]
             h = int(min(longest, T + 1))
             if longest >= T + 1:
@@ -76,26 +78,22 @@ class HorizonCosts:
                 plans.append([i] * int(min(longest, self.hold)))
                 continue
             then, power = int(graph.walk([i] * h, node)[-1]), np.linalg.matrix_power(A[i], h)
-            for j in self._moves(then):
+            for j in np.flatnonzero(self.moves[then]).tolist():
                 rest, first = switched(graph, then, j, self._held(j, T + 1 - h)), self._held(i, h)
                 both = Value(first.P + transform(power, rest.P), first.constant + rest.constant)
                 values.append(switched(graph, node, i, both))
                 plans.append(([i] * h + [j] * int(min(graph.holds[then, j], self.hold)))[: self.hold])
-        rows = svec(np.stack([value.P for value in values]))
-        return Candidates(rows, np.array([value.constant for value in values]), plans)
+        return Candidates(*as_rows(graph, values), plans)
 
-    def lasts(self, node: int, mode: int) -> bool:
-        """Whether a mode may be chosen at a node."""
-        return self.graph.free or mode in self._moves(node)
-
-    def _moves(self, node: int) -> list[int]:
-        """The modes allowed; where there is a way on at finite cost, those that keep one."""
-        heads = self.graph.successor[node]
-        if not self.graph.free:
-            lasting = (heads >= 0) & self.scheduler.continuations.finite[:, heads].any(axis=0)
-            if lasting.any():
-                return np.flatnonzero(lasting).tolist()
-        return np.flatnonzero(heads >= 0).tolist()
+    @cached_property
+    def moves(self) -> NDArray[np.bool_]:
+        """Which modes may be chosen at each node: where there is a way on at finite cost, those that keep one."""
+        heads = self.graph.successor
+        if self.graph.free:
+            return heads >= 0
+        reaching: NDArray[np.bool_] = np.logical_or.reduce(self.scheduler.continuations.finite)
+        lasting = (heads >= 0) & reaching[heads]
+        return np.where(lasting.any(axis=1)[:, None], lasting, heads >= 0)
 
     def _held(self, mode: int, steps: int) -> Value:
         """What a mode costs over some steps."""

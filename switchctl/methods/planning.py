@@ -2,17 +2,56 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
-from switchctl.continuation import shortest
+import numpy as np
+
+from switchctl.continuation import Plan, shortest
+from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import Scheduler
-from switchctl.moments import Array
-
-Plan = tuple[tuple[int, ...], tuple[int, ...]]
-"""The modes taken once, and those repeated for ever after."""
+from switchctl.moments import Array, moment_maps, svec
 
 
 class PlanningScheduler(Scheduler):
-    """A scheduler that plans once, for the moments of its first sample, and doesn't look at later ones."""
+    """A scheduler that plans once, for the moments of its first sample, and doesn't look at later ones.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The modes to choose from, and the moves that the rules allow.
+
+    Attributes
+    ----------
+    maps : array, shape (m, d, d)
+        A step of each mode, on ``svec(S)``.
+    stages, identity : arrays, shapes (m, d) and (d,)
+        The stage weights and W2 as rows for ``svec(S)``.
+    fixed, by_w2 : arrays, shape (m + 1, m)
+        What a switch costs, per dk.
+    """
+
+    def __init__(self, graph: SwitchingGraph) -> None:
+        super().__init__(graph)
+        modes = self.modes
+        self.maps, self.stages = moment_maps(modes.A), svec(modes.Q)
+        self.identity = svec(np.eye(modes.A.shape[-1]))
+        self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
+
+    def switch(self, before: Any, mode: Any, s: Array) -> Any:
+        """Cost per dk of a switch.
+
+        Parameters
+        ----------
+        before, mode : int, or arrays and slices of them
+            The modes.
+        s : array, shape (d,) or (k, d)
+            The moment at the switch, or several.
+
+        Returns
+        -------
+        float or array
+        """
+        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
 
     @abstractmethod
     def search(self, S: Array) -> Plan:

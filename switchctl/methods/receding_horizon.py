@@ -129,7 +129,7 @@ def _checked(T: int | float, name: str) -> int | float:
 
 
 class _RecedingHorizonScheduler(Scheduler):
-    def __init__(self, graph: SwitchingGraph | ModeSet, method: RecedingHorizon) -> None:
+    def __init__(self, graph: SwitchingGraph, method: RecedingHorizon) -> None:
         super().__init__(graph)
         self.method = method
         if method.decrease is not None:
@@ -146,7 +146,7 @@ class _RecedingHorizonScheduler(Scheduler):
 
     def decide(self, S: Array) -> int:
         self.lengthened = 0
-        if not self.plan or (self.method.decrease is None and not self.costs.lasts(self.node, self.plan[0])):
+        if not self.plan or (self.method.decrease is None and not self.costs.moves[self.node, self.plan[0]]):
             self._update(S)
         return self.plan.pop(0)
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from switchctl.continuation import lasting
+from switchctl.continuation import Plan, lasting
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
-from switchctl.methods.planning import Plan, PlanningScheduler
+from switchctl.methods.planning import PlanningScheduler
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, moment_factor, moment_maps, svec
-from switchctl.tail_costs import word_costs
+from switchctl.moments import Array, moment_factor, svec
+from switchctl.tail_costs import word_value
 
 _WORTH = 1e-7  # a move must gain this fraction of the cost ..
 _ROUNDS = 1000  # of sweeps and moves at most
@@ -67,6 +67,15 @@ class Refine(Method):
         return _RefineScheduler(graph, self.base.start(graph))
 
 
+class _Run(NamedTuple):
+    """A schedule: its modes up to the word, the moments and the costs so far at each step, and what it costs in all."""
+
+    path: NDArray[np.intp]
+    moments: Array
+    costs: Array
+    total: float
+
+
 class _Suffixes(NamedTuple):
     """What the schedule costs from each step t = 0 .. N on, per dk: ``P[t] . svec(S) + constants[t]``.
 
@@ -86,10 +95,6 @@ class _RefineScheduler(PlanningScheduler):
     def __init__(self, graph: SwitchingGraph, base: Scheduler) -> None:
         super().__init__(graph)
         self.base = base
-        modes = self.modes
-        self.maps, self.stages = moment_maps(modes.A), svec(modes.Q)
-        self.identity = svec(np.eye(modes.A.shape[-1]))
-        self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
         least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
         self.lengths = sorted({*_BLOCKS, *least})
 
@@ -99,53 +104,45 @@ class _RefineScheduler(PlanningScheduler):
         sequence, _, F, status = predict(self.base, F, None)
         lead, word = self.base.tail(F @ F.T)
         path = np.array([*sequence, *lead], dtype=np.intp)
-        state, switching = word_costs(self.graph, word)
-        if state is None or switching is None or self.graph.price[list(word)].any():
+        P = word_value(self.graph, word)
+        if P is None:
             raise InfiniteCostError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
                 "that ends at finite cost: in a mode held for ever or, under rules that make it switch, in a cycle"
             )
-        self.word, self.word_P = word, svec(state + switching / self.modes.dk)
-        cost = start = self._cost(path, S)
+        self.word, self.word_P = word, svec(P)
         if self.base.interrupted or status == INTERRUPTED:
             self.interrupted = True
             return tuple(path.tolist()), word
-        sweeps = moves = 0
+        run = self._run(path, S)
+        start, sweeps, moves = run.total, 0, 0
         try:
             with tqdm(desc="refine", unit="round", delay=2, leave=False) as progress:
-                sweeping, failed = True, 0
+                rest, sweeping, failed = self._suffixes(path), True, 0
                 while failed < 2 and progress.n < _ROUNDS:
-                    better = self._sweep(path, S) if sweeping else self._move(path, S)
-                    found, gain = self._cost(better, S), 0.0
-                    if found < cost - TIE * abs(cost):
+                    found, gain = self._run(self._sweep(run, rest) if sweeping else self._move(run, rest), S), 0.0
+                    if found.total < run.total - TIE * abs(run.total):
                         sweeps, moves = sweeps + sweeping, moves + (not sweeping)
-                        path, cost, gain = better, found, cost - found
-                    sweeping, failed = (True, 0) if gain > _WORTH * abs(cost) else (not sweeping, failed + 1)
-                    progress.set_postfix(cost=f"{self.modes.dk * cost:.8g}", refresh=False)
+                        gain, run = run.total - found.total, found
+                        rest = self._suffixes(run.path)
+                    sweeping, failed = (True, 0) if gain > _WORTH * abs(run.total) else (not sweeping, failed + 1)
+                    progress.set_postfix(cost=f"{self.modes.dk * run.total:.8g}", refresh=False)
                     progress.update()
         except KeyboardInterrupt:
             self.interrupted = True
         self.statistics = {"start": self.modes.dk * start, "sweeps": sweeps, "moves": moves}
-        return tuple(path.tolist()), word
+        return tuple(run.path.tolist()), word
 
-    def _run(self, path: NDArray[np.intp], S: Array) -> tuple[Array, Array]:
-        """The moments and the costs so far along a path."""
+    def _run(self, path: NDArray[np.intp], S: Array) -> _Run:
+        """The forward evaluation."""
         moments, costs = np.empty((len(path) + 1, len(self.identity))), np.zeros(len(path) + 1)
         moments[0], before = svec(S), self.graph.last_mode[0]
         for k, mode in enumerate(path.tolist()):
             s = moments[k]
-            switch = self.fixed[before, mode] + self.by_w2[before, mode] * (self.identity @ s)
-            costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + switch
+            costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + self.switch(before, mode, s)
             moments[k + 1], before = self.maps[mode] @ s, mode
-        return moments, costs
-
-    def _cost(self, path: NDArray[np.intp], S: Array) -> float:
-        moments, costs = self._run(path, S)
-        return float(costs[-1] + self._switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1])
-
-    def _switch(self, before: Any, mode: Any, s: Array) -> Any:
-        """Cost of a switch at one moment, or at each of several."""
-        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
+        end = self.switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1]
+        return _Run(path, moments, costs, float(costs[-1] + end))
 
     def _suffixes(self, path: NDArray[np.intp]) -> _Suffixes:
         """The backward pass."""
@@ -170,18 +167,18 @@ class _RefineScheduler(PlanningScheduler):
             rest.constants[t] + self.fixed[mode, after],
         )
 
-    def _sweep(self, path: NDArray[np.intp], S: Array) -> NDArray[np.intp]:
+    def _sweep(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:
         """The forward pass: each mode chosen anew against the cost of what follows; the present one wins a tie."""
-        graph, rest, chosen = self.graph, self._suffixes(path), path.copy()
+        graph, chosen = self.graph, run.path.copy()
         rows, constants = [], []
         for i in range(len(self.modes)):
             P, c = self._before(rest, i, slice(1, None))
             rows.append(self.stages[i] + P @ self.maps[i])
             constants.append(c + graph.price[i])
         table, constant = np.stack(rows, axis=1), np.stack(constants, axis=1)
-        node, before, s = 0, graph.last_mode[0], svec(S)
-        for k, present in enumerate(path.tolist()):
-            costs = table[k] @ s + constant[k] + self._switch(before, slice(None), s)
+        node, before, s = 0, graph.last_mode[0], run.moments[0]
+        for k, present in enumerate(run.path.tolist()):
+            costs = table[k] @ s + constant[k] + self.switch(before, slice(None), s)
             heads = graph.successor[node]
             costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
             best = int(costs.argmin())
@@ -189,10 +186,9 @@ class _RefineScheduler(PlanningScheduler):
             chosen[k], node, before, s = mode, int(heads[mode]), mode, self.maps[mode] @ s
         return chosen
 
-    def _move(self, path: NDArray[np.intp], S: Array) -> NDArray[np.intp]:
+    def _move(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:
         """The best of: the schedule up to step k, a block of one mode, the schedule from step t on."""
-        graph, rest, (moments, costs) = self.graph, self._suffixes(path), self._run(path, S)
-        total = costs[-1] + self._switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1]
+        graph, (path, moments, costs, total) = self.graph, run
         nodes = graph.walk(path)
         before = np.append(graph.last_mode[:1], path)
         left = int((total - costs > _WORTH * total).sum())  # a change after so many steps gains too little
@@ -204,7 +200,7 @@ class _RefineScheduler(PlanningScheduler):
         best, found = total, path
         for i in range(len(self.modes)):
             P, constants = self._before(rest, i, t)
-            prefixes = costs[k] + self._switch(before[k], i, moments[k])
+            prefixes = costs[k] + self.switch(before[k], i, moments[k])
             begun = np.column_stack([moments[k], prefixes, np.ones(len(k))])
             heads = nodes[k]
             for shorter, length in pairwise([0, *self.lengths]):

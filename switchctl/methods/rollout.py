@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from switchctl.continuation import Plan, as_rows
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import InfiniteCostError, Method, Scheduler, least_cost
 from switchctl.methods.constant import require_schur
@@ -60,13 +61,12 @@ class _RolloutScheduler(Scheduler):
                 raise InfiniteCostError(
                     f"Rollout needs a way to go on at finite cost, and under {self.graph.rules!r} none was found"
                 )
-            rows = svec(np.stack([value.P for value in values]))
-            self.tables[self.node] = moves, rows, np.array([value.constant for value in values])
+            self.tables[self.node] = moves, *as_rows(self.graph, values)
         return self.tables[self.node]
 
     def decide(self, S: Array) -> int:
         moves, rows, constants = self._table()
         return moves[least_cost(rows @ svec(S) + constants)]
 
-    def tail(self, S: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def tail(self, S: Array) -> Plan:
         return self.cheapest_way(S) or super().tail(S)

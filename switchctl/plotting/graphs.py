@@ -87,7 +87,7 @@ def _places(graph: SwitchingGraph) -> Array:
                 for number, v in enumerate(nodes):
                     place[v] = x, -(base + number)
         base += deep
-    if graph.last_mode[0] < 0 < len(graph.modes) and (graph.last_mode >= 0).any():
+    if graph.last_mode[0] < 0 and (graph.last_mode >= 0).any():
         place[0, 1] = place[1:, 1].mean()  # the start stands between the modes
     return place
 
