@@ -1,14 +1,24 @@
-"""Modes, rules and graphs as the plain values of a JSON document, and back."""
+"""Modes, rules, graphs and schedules as the plain values of a JSON document, and back."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.modes import ModeSet
 from switchctl.rules import Budget, Rules
+from switchctl.validation import number
+
+if TYPE_CHECKING:
+    from switchctl.result import Schedule
+
+VERSION = 3
+"""Of schedule files."""
+_NEEDED = "cost edges lead lengthened lower_bound method rules sequence statistics status tail terminal"
 
 
 def plain_system(graph: SwitchingGraph, x0: Gaussian) -> dict[str, Any]:
@@ -49,6 +59,49 @@ def read_system(document: Mapping[str, Any]) -> tuple[SwitchingGraph, Gaussian]:
     else:
         graph = SwitchingGraph.from_edges(modes, [tuple(edge) for edge in read_list(edges)], rules)
     return graph, Gaussian(document["mean"], document["cov"])
+
+
+def plain_schedule(schedule: "Schedule") -> dict[str, Any]:
+    """A schedule with its modes, rules and initial state."""
+    try:
+        cost = schedule.cost if math.isfinite(schedule.cost) else None
+    except (ArithmeticError, np.linalg.LinAlgError):
+        cost = None
+    return {
+        "method": schedule.method,
+        "status": schedule.status,
+        "cost": cost,
+        **plain_system(schedule.graph, schedule.x0),
+        "tail": schedule.tail,
+        "lead": schedule.lead,
+        "lengthened": schedule.lengthened,
+        "statistics": dict(schedule.statistics),
+        "lower_bound": schedule.lower_bound,
+        "terminal": None if schedule.terminal is None else schedule.terminal.tolist(),
+        "sequence": schedule.sequence.tolist(),
+    }
+
+
+def read_schedule(document: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What makes a `Schedule`, in its order."""
+    lacking = set(_NEEDED.split()) - document.keys()
+    if lacking:
+        raise ValueError(f"it lacks {min(lacking)!r}")
+    graph, x0 = read_system(document)
+    return (
+        graph.modes,
+        x0,
+        read_list(document["sequence"]),
+        tuple(read_list(document["tail"])),
+        read_text(document["method"]),
+        read_text(document["status"]),
+        document["lengthened"],
+        tuple(read_list(document["lead"])),
+        graph,
+        {name: number(value, f"statistics[{name!r}]") for name, value in dict(document["statistics"]).items()},
+        document["lower_bound"],
+        document["terminal"],
+    )
 
 
 def read_list(value: Any) -> list[Any]:

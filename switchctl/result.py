@@ -20,18 +20,15 @@ from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import check_state
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
-from switchctl.plain import plain_system, read_list, read_system, read_text
+from switchctl.plain import VERSION, plain_schedule, read_schedule
 from switchctl.result_text import facts, heading
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
-from switchctl.validation import frozen, number, whole_number
+from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
 
 if TYPE_CHECKING:
     import pandas
     from control import ControlPlot
-
-_VERSION = 2
-_NEEDED = {"method", "status", "cost", "tail", "lead", "lengthened", "statistics", "sequence", "rules", "edges"}
 
 
 class Switch(NamedTuple):
@@ -68,6 +65,10 @@ class Schedule:
         The rules; by default there are none. A sequence against the rules is refused.
     statistics : dict, optional
         What a search that made the schedule reports.
+    lower_bound : float, optional
+        What every schedule for these modes, rules and initial state costs at least, where it is proven.
+    terminal : array_like, shape (n, n), optional
+        For a run that ends after the last step: the weight M of the state there. It then has no tail.
 
     Raises
     ------
@@ -102,13 +103,24 @@ class Schedule:
     lead: tuple[int, ...] = ()
     graph: SwitchingGraph = None  # type: ignore[assignment]
     statistics: Mapping[str, Any] = field(default_factory=dict)
+    lower_bound: float | None = None
+    terminal: Any = None
 
     def __post_init__(self) -> None:
         check_state(self.modes, self.x0)
         sequence = np.array([self.modes.index(mode) for mode in self.sequence], dtype=np.intp)
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
-        tail = tuple(self.modes.index(mode) for mode in self.tail) or (int(sequence[-1]),)
+        tail = tuple(self.modes.index(mode) for mode in self.tail)
+        if self.terminal is None:
+            tail = tail or (int(sequence[-1]),)
+        else:
+            M = real_array(self.terminal, "terminal", self.modes.A.shape[1:])
+            object.__setattr__(self, "terminal", frozen(positive_semidefinite(M, "terminal")))
+            if tail or self.lead:
+                raise ValueError("a schedule with a terminal weight ends after its steps; it has no tail and no lead")
+        if self.lower_bound is not None:
+            object.__setattr__(self, "lower_bound", number(self.lower_bound, "lower_bound"))
         if self.graph is None:
             object.__setattr__(self, "graph", SwitchingGraph(self.modes))
         elif self.graph.modes is not self.modes:
@@ -116,7 +128,7 @@ class Schedule:
         lead = tuple(self.modes.index(mode) for mode in self.lead)
         if not self.graph.free:
             last = int(self.graph.walk([*sequence.tolist(), *lead])[-1])
-            if not lasting(self.graph, tail)[last]:
+            if tail and not lasting(self.graph, tail)[last]:
                 words = " ".join(self.modes.names[mode] for mode in tail)
                 raise ValueError(f"the tail can't repeat {words!r} for ever under {self.graph.rules!r}")
         object.__setattr__(self, "sequence", frozen(sequence))
@@ -134,7 +146,8 @@ class Schedule:
     def __reduce__(self) -> tuple[Any, ...]:
         rest = (self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened, self.lead)
         # A copy is checked and read-only too, and has the modes of its graph.
-        return _rebuilt, (type(self), self.graph, *rest, dict(self.statistics))
+        last = dict(self.statistics), self.lower_bound, self.terminal
+        return _rebuilt, (type(self), self.graph, rest, last)
 
     def __len__(self) -> int:
         return len(self.sequence)
@@ -189,11 +202,16 @@ class Schedule:
         before = np.concatenate([graph.last_mode[:1], self.sequence[:-1]])
         switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
         steps = CostParts(float(dk * stage.sum()), float(switching.sum()), float(dk * graph.price[self.sequence].sum()))
+        if self.terminal is not None:
+            return steps, CostParts(float(dk * np.sum(self.terminal * final.second_moment)), 0.0, 0.0)
         return steps, tail_parts(graph, int(self.sequence[-1]), self.lead, self.tail, final.second_moment)
 
     @property
     def tail_cost(self) -> float:
-        """Cost of what follows the last step; infinite where the tail is not Schur, or pays a price for ever."""
+        """Cost of what follows the last step; infinite where the tail is not Schur, or pays a price for ever.
+
+        Of a run that ends there, ``dk * tr(M S_N)``.
+        """
         return float(sum(self._parts[1]))
 
     @property
@@ -210,18 +228,17 @@ class Schedule:
         return cost
 
     @property
+    def gap(self) -> float | None:
+        """How far the cost may be above the optimum, ``1 - lower_bound / cost``; None where nothing is proven."""
+        if self.lower_bound is None:
+            return None
+        return max(0.0, 1 - self.lower_bound / self.cost) if self.cost > 0 else 0.0
+
+    @property
     def resource_use(self) -> Array | None:
         """What each step uses of the budget, shape (N,); None where the rules have no budget."""
         use = self.graph.resource_use
         return None if use is None else use[self.sequence]
-
-    @property
-    def _known_cost(self) -> float | None:
-        """The cost where it is a finite number, else None."""
-        try:
-            return self.cost if np.isfinite(self.cost) else None
-        except (ArithmeticError, np.linalg.LinAlgError):
-            return None
 
     def area(self, start: int = 0, stop: int | None = None) -> float:
         """Area under W2 over a range of steps: ``dk * sum_{k=start}^{stop-1} W2(k)``, the paper's finite sum.
@@ -307,18 +324,7 @@ class Schedule:
         -------
         pathlib.Path
         """
-        content = {
-            "method": self.method,
-            "status": self.status,
-            "cost": self._known_cost,
-            **plain_system(self.graph, self.x0),
-            "tail": self.tail,
-            "lead": self.lead,
-            "lengthened": self.lengthened,
-            "statistics": dict(self.statistics),
-            "sequence": self.sequence.tolist(),
-        }
-        return write_document(path, "schedule", _VERSION, content)
+        return write_document(path, "schedule", VERSION, plain_schedule(self))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -338,24 +344,9 @@ class Schedule:
         FormatError
             If the file is not a schedule of this version, or contradicts itself.
         """
-        document = read_document(path, "schedule", _VERSION)
+        document = read_document(path, "schedule", VERSION)
         try:
-            lacking = _NEEDED - document.keys()
-            if lacking:
-                raise ValueError(f"it lacks {sorted(lacking)[0]!r}")
-            graph, x0 = read_system(document)
-            schedule = cls(
-                graph.modes,
-                x0,
-                read_list(document["sequence"]),
-                tuple(read_list(document["tail"])),
-                read_text(document["method"]),
-                read_text(document["status"]),
-                document["lengthened"],
-                tuple(read_list(document["lead"])),
-                graph,
-                {name: number(value, f"statistics[{name!r}]") for name, value in dict(document["statistics"]).items()},
-            )
+            schedule = cls(*read_schedule(document))
             stored = document["cost"]
             if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
                 raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
@@ -381,5 +372,5 @@ class Schedule:
         return html_table(["", ""], facts(self), heading(self))
 
 
-def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, *rest: Any) -> Schedule:
-    return kind(graph.modes, *rest[:-1], graph, rest[-1])
+def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, rest: Any, last: Any) -> Schedule:
+    return kind(graph.modes, *rest, graph, *last)

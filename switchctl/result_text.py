@@ -31,6 +31,7 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
         ("automaton", "" if schedule.graph.automaton_edges is None else f"{len(schedule.graph)} nodes"),
         ("cost", _told(lambda: f"{schedule.cost:.6g}  (with {_after(schedule)})")),
         ("of which", _told(lambda: _parts(schedule))),
+        ("proven", _told(lambda: _proven(schedule))),
         ("W2", _told(lambda: f"{schedule.w2[0]:.6g} -> {schedule.final.w2():.6g}")),
         ("switches", f"{len(switches)}" + (f" ({', '.join(first)}{more})" if switches else "")),
         ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
@@ -42,7 +43,15 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
     return [(key, value) for key, value in told if value]
 
 
+def _proven(schedule: "Schedule") -> str:
+    if schedule.lower_bound is None:
+        return ""
+    return f"no sequence costs less than {schedule.lower_bound:.8g} (gap {schedule.gap:.2g})"
+
+
 def _after(schedule: "Schedule") -> str:
+    if schedule.terminal is not None:
+        return "the weight of the state after the last step"
     names, word = schedule.modes.names, schedule.tail
     lead = f"{_runs(schedule.lead, names)}, then " if schedule.lead else ""
     if len(word) == 1:

@@ -70,6 +70,7 @@ def schedule(
     steps = None if steps is None else whole_number(steps, "steps")
     graph = graph_under(modes, rules)
     scheduler = method.start(graph)
+    scheduler.steps = steps
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
     lead, word = scheduler.tail(F @ F.T)
     return Schedule(
@@ -78,9 +79,11 @@ def schedule(
         sequence,
         word,
         repr(method),
-        INTERRUPTED if scheduler.interrupted else status,
+        INTERRUPTED if INTERRUPTED == status or scheduler.interrupted else scheduler.status or status,
         tuple(lengthened),
         lead,
         graph,
         scheduler.statistics,
+        scheduler.lower_bound,
+        scheduler.terminal,
     )

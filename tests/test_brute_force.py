@@ -38,7 +38,7 @@ from switchctl import (
     schedule,
     single_mode_costs,
 )
-from switchctl.methods.lower_bounds import lower_bounds
+from switchctl.optimum.minorants import lower_bounds
 
 INSTANCES = 500  # of each kind of rule
 REFINED = 1400  # in all; some rules leave no way on

@@ -15,6 +15,7 @@ from switchctl import (
     FewSwitches,
     Gaussian,
     ModeSet,
+    Optimal,
     PointwiseMinimum,
     RecedingHorizon,
     Refine,
@@ -39,6 +40,7 @@ METHODS = [
     Rollout(),
     FewSwitches(2),
     Refine(),
+    Optimal(gap=1e-2),
     Refine(PointwiseMinimum()),
 ]
 cases = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(0, 2**32 - 1))

@@ -24,6 +24,7 @@ ORDER = [
     "contradiction",
     "graph",
     "continuation tail_costs plain",
+    "optimum",
     "closed_loop methods",
     "result result_text",
     "scheduling",

@@ -22,9 +22,9 @@ from switchctl import (
     schedule,
     trade_off,
 )
-from switchctl.methods.lower_bounds import _minorant, lower_bounds
 from switchctl.methods.orbits import Orbit
 from switchctl.moments import svec
+from switchctl.optimum.minorants import lower_bounds, minorant
 
 
 def test_the_best_single_and_double_switch_of_the_quadrotor(quadrotor):
@@ -50,7 +50,7 @@ def test_moves_leave_a_local_optimum_of_the_sweeps(quadrotor, monkeypatch):
     result = schedule(*quadrotor, Refine(base))
     assert result.statistics["moves"] > 0
     assert result.cost == pytest.approx(45.6486, abs=5e-5)
-    monkeypatch.setattr(switchctl.methods.refine._RefineScheduler, "_move", lambda self, run, rest: run.path)
+    monkeypatch.setattr(switchctl.methods.refine.LocalSearch, "_move", lambda self, run, rest: run.path)
     assert schedule(*quadrotor, Refine(base)).cost == pytest.approx(46.7102, abs=5e-5)
 
 
@@ -108,7 +108,7 @@ def test_lower_bounds_hold_for_states_of_unlike_units():
 def test_a_minorant_is_below_both():
     v, u = np.array([1, 1e-4]), np.array([1, -1e4])
     X, Y = np.outer(v, v), 1e6 * np.diag([1.0, 0.0])
-    L = _minorant(X, Y)
+    L = minorant(X, Y)
     assert u @ L @ u <= 1e-9
     assert np.linalg.eigvalsh(X - L)[0] >= -1e-12
     assert np.linalg.eigvalsh(Y - L)[0] >= -1e-9
@@ -189,7 +189,7 @@ def test_refine_says_what_it_needs():
 @pytest.mark.parametrize(
     ("method", "place", "calls"),
     [
-        (Refine(Constant("high")), "switchctl.methods.refine._RefineScheduler._sweep", 2),
+        (Refine(Constant("high")), "switchctl.methods.refine.LocalSearch._sweep", 2),
         (FewSwitches(2), "switchctl.methods.few_switches._FewSwitchesScheduler._hold", 2),
     ],
 )

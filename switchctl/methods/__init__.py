@@ -3,6 +3,7 @@
 from switchctl.methods.base import Method, Scheduler, least_cost
 from switchctl.methods.constant import Constant, best_single_mode, single_mode_costs
 from switchctl.methods.few_switches import FewSwitches
+from switchctl.methods.optimal import Optimal, Rung
 from switchctl.methods.pointwise import PointwiseMinimum
 from switchctl.methods.receding_horizon import RecedingHorizon
 from switchctl.methods.refine import Refine
@@ -12,10 +13,12 @@ __all__ = [
     "Constant",
     "FewSwitches",
     "Method",
+    "Optimal",
     "PointwiseMinimum",
     "RecedingHorizon",
     "Refine",
     "Rollout",
+    "Rung",
     "Scheduler",
     "best_single_mode",
     "least_cost",

@@ -87,10 +87,22 @@ class Scheduler(ABC):
         What a method that plans reports of its search.
     interrupted : bool
         Whether Ctrl-C cut that search short.
+    status : str
+        What a search says of its end; empty where the run alone says why it ends.
+    lower_bound : float or None
+        What every run from the first sample costs at least, where the method proves it.
+    terminal : array, shape (n, n), or None
+        The weight of the state after the last step of a run that ends there; None where the run goes on.
+    steps : int or None
+        The length of the run, where it is known before it begins.
     """
 
     lengthened: int = 0
     interrupted: bool = False
+    status: str = ""
+    lower_bound: float | None = None
+    terminal: Array | None = None
+    steps: int | None = None
 
     def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
         self.graph = as_graph(graph)
@@ -116,7 +128,7 @@ class Scheduler(ABC):
     def reset(self) -> None:
         """Begin anew: the next sample is the first."""
         self.node, self.last = 0, -1
-        self.interrupted, self.statistics = False, {}
+        self.interrupted, self.statistics, self.status, self.lower_bound = False, {}, "", None
         self.forget()
 
     def recover(self, sequence: Sequence[int]) -> None:
@@ -259,7 +271,9 @@ class Method(ABC):
     def __repr__(self) -> str:
         """Name the settings that differ from their defaults."""
         defaults: dict[str, Any] = {field.name: field.default for field in fields(self)} if is_dataclass(self) else {}
-        changed = {name: getattr(self, name) for name, default in defaults.items() if getattr(self, name) != default}
+        values = {name: getattr(self, name) for name in defaults}
+        values = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+        changed = {name: value for name, value in values.items() if value != defaults[name]}
         told = [f"{name}={getattr(value, '__qualname__', repr(value))}" for name, value in changed.items()]
         return f"{type(self).__name__}({', '.join(told)})"
 

@@ -12,12 +12,12 @@ from tqdm import tqdm
 from switchctl.continuation import Plan
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
-from switchctl.methods.lower_bounds import lower_bounds
 from switchctl.methods.orbits import Orbit, held_nodes
-from switchctl.methods.planning import PlanningScheduler
+from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import CEILING
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
+from switchctl.optimum.minorants import lower_bounds
 from switchctl.validation import whole_number
 
 _CHUNK = 256
@@ -77,11 +77,12 @@ class _Block(NamedTuple):
     costs: Array
 
 
-class _FewSwitchesScheduler(PlanningScheduler):
+class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
     """All costs are per dk."""
 
     def __init__(self, graph: SwitchingGraph, max_switches: int) -> None:
-        super().__init__(graph)
+        StepCosts.__init__(self, graph)
+        PlanningScheduler.__init__(self, graph)
         allowed = graph.rules.max_switches
         self.max_switches = max_switches if allowed is None else min(max_switches, allowed)
         modes = self.modes

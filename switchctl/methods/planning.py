@@ -12,13 +12,13 @@ from switchctl.methods.base import Scheduler
 from switchctl.moments import Array, moment_maps, svec
 
 
-class PlanningScheduler(Scheduler):
-    """A scheduler that plans once, for the moments of its first sample, and doesn't look at later ones.
+class StepCosts:
+    """What steps and switches cost, per dk, on ``svec(S)``.
 
     Parameters
     ----------
     graph : SwitchingGraph
-        The modes to choose from, and the moves that the rules allow.
+        The modes, and what switches cost.
 
     Attributes
     ----------
@@ -31,8 +31,7 @@ class PlanningScheduler(Scheduler):
     """
 
     def __init__(self, graph: SwitchingGraph) -> None:
-        super().__init__(graph)
-        modes = self.modes
+        modes = graph.modes
         self.maps, self.stages = moment_maps(modes.A), svec(modes.Q)
         self.identity = svec(np.eye(modes.A.shape[-1]))
         self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
@@ -53,6 +52,10 @@ class PlanningScheduler(Scheduler):
         """
         return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.identity)
 
+
+class PlanningScheduler(Scheduler):
+    """A scheduler that plans once, for the moments of its first sample, and doesn't look at later ones."""
+
     @abstractmethod
     def search(self, S: Array) -> Plan:
         """Plan a run from the start of the graph.
@@ -65,7 +68,7 @@ class PlanningScheduler(Scheduler):
         Returns
         -------
         lead, word : tuples of int
-            The modes taken once, and those repeated for ever after.
+            The modes taken once, and those repeated for ever after; none of these where the run ends.
         """
 
     def forget(self) -> None:  # noqa: D102
@@ -86,5 +89,7 @@ class PlanningScheduler(Scheduler):
     def tail(self, S: Array) -> Plan:  # noqa: D102
         assert self.plan is not None  # a schedule has a step
         lead, word = self.plan
+        if not word:
+            return (), ()
         turn = max(self.k - len(lead), 0) % len(word)
         return shortest(lead[self.k :], word[turn:] + word[:turn])

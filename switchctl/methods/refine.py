@@ -1,5 +1,7 @@
 """Local search: any method's schedule made better, step by step and block by block."""
 
+import math
+import time
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -11,7 +13,7 @@ from tqdm import tqdm
 from switchctl.continuation import Plan, lasting
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
-from switchctl.methods.planning import PlanningScheduler
+from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
 from switchctl.modes import ModeSet
@@ -90,53 +92,102 @@ class _Suffixes(NamedTuple):
 
 
 class _RefineScheduler(PlanningScheduler):
-    """All costs are per dk."""
-
     def __init__(self, graph: SwitchingGraph, base: Scheduler) -> None:
         super().__init__(graph)
         self.base = base
-        least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
-        self.lengths = sorted({*_BLOCKS, *least})
 
     def search(self, S: Array) -> Plan:
         self.base.reset()
         F = moment_factor(np.zeros(len(S)), S)
         sequence, _, F, status = predict(self.base, F, None)
         lead, word = self.base.tail(F @ F.T)
-        path = np.array([*sequence, *lead], dtype=np.intp)
-        P = word_value(self.graph, word)
+        local = LocalSearch(self.graph, S, (*sequence, *lead), word)
+        if self.base.interrupted or status == INTERRUPTED:
+            self.interrupted = True
+            return (*sequence, *lead), word
+        self.interrupted = not local.improve()
+        self.statistics = {"start": self.modes.dk * local.start, "sweeps": local.sweeps, "moves": local.moves}
+        return tuple(local.run.path.tolist()), word
+
+
+class LocalSearch(StepCosts):
+    """A schedule for one initial moment, made better by sweeps and moves; all costs are per dk.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The modes, and the moves that the rules allow.
+    S : array, shape (n, n)
+        The second moment at the start.
+    path, word : tuples of int
+        The schedule: the modes taken once, one at least, and those repeated for ever after.
+
+    Attributes
+    ----------
+    run : _Run
+        The best schedule found.
+    start : float
+        What it cost before.
+    sweeps, moves : int
+        Those that made it better.
+
+    Raises
+    ------
+    InfiniteCostError
+        If the schedule costs infinitely much.
+    """
+
+    def __init__(self, graph: SwitchingGraph, S: Array, path: tuple[int, ...], word: tuple[int, ...]) -> None:
+        super().__init__(graph)
+        self.graph, self.S, self.word = graph, S, word
+        least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
+        self.lengths = sorted({*_BLOCKS, *least})
+        P = word_value(graph, word)
         if P is None:
             raise InfiniteCostError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
                 "that ends at finite cost: in a mode held for ever or, under rules that make it switch, in a cycle"
             )
-        self.word, self.word_P = word, svec(P)
-        if self.base.interrupted or status == INTERRUPTED:
-            self.interrupted = True
-            return tuple(path.tolist()), word
-        run = self._run(path, S)
-        start, sweeps, moves = run.total, 0, 0
+        self.word_P = svec(P)
+        self.run = self._run(np.array(path, dtype=np.intp))
+        self.start, self.sweeps, self.moves = self.run.total, 0, 0
+
+    def improve(self, deadline: float = math.inf) -> bool:
+        """Search until nothing helps; whether it came to an end before Ctrl-C and the deadline.
+
+        Parameters
+        ----------
+        deadline : float, optional
+            When to stop, on the clock of `time.perf_counter`.
+
+        Returns
+        -------
+        bool
+        """
+        run = self.run
         try:
             with tqdm(desc="refine", unit="round", delay=2, leave=False) as progress:
-                rest, sweeping, failed = self._suffixes(path), True, 0
+                rest, sweeping, failed = self._suffixes(run.path), True, 0
                 while failed < 2 and progress.n < _ROUNDS:
-                    found, gain = self._run(self._sweep(run, rest) if sweeping else self._move(run, rest), S), 0.0
+                    if time.perf_counter() > deadline:
+                        return False
+                    found, gain = self._run(self._sweep(run, rest) if sweeping else self._move(run, rest)), 0.0
                     if found.total < run.total - TIE * abs(run.total):
-                        sweeps, moves = sweeps + sweeping, moves + (not sweeping)
-                        gain, run = run.total - found.total, found
+                        self.sweeps, self.moves = self.sweeps + sweeping, self.moves + (not sweeping)
+                        gain = run.total - found.total
+                        run = self.run = found
                         rest = self._suffixes(run.path)
                     sweeping, failed = (True, 0) if gain > _WORTH * abs(run.total) else (not sweeping, failed + 1)
-                    progress.set_postfix(cost=f"{self.modes.dk * run.total:.8g}", refresh=False)
+                    progress.set_postfix(cost=f"{self.graph.modes.dk * run.total:.8g}", refresh=False)
                     progress.update()
         except KeyboardInterrupt:
-            self.interrupted = True
-        self.statistics = {"start": self.modes.dk * start, "sweeps": sweeps, "moves": moves}
-        return tuple(run.path.tolist()), word
+            return False
+        return True
 
-    def _run(self, path: NDArray[np.intp], S: Array) -> _Run:
+    def _run(self, path: NDArray[np.intp]) -> _Run:
         """The forward evaluation."""
         moments, costs = np.empty((len(path) + 1, len(self.identity))), np.zeros(len(path) + 1)
-        moments[0], before = svec(S), self.graph.last_mode[0]
+        moments[0], before = svec(self.S), self.graph.last_mode[0]
         for k, mode in enumerate(path.tolist()):
             s = moments[k]
             costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + self.switch(before, mode, s)
@@ -171,7 +222,7 @@ class _RefineScheduler(PlanningScheduler):
         """The forward pass: each mode chosen anew against the cost of what follows; the present one wins a tie."""
         graph, chosen = self.graph, run.path.copy()
         rows, constants = [], []
-        for i in range(len(self.modes)):
+        for i in range(len(self.maps)):
             P, c = self._before(rest, i, slice(1, None))
             rows.append(self.stages[i] + P @ self.maps[i])
             constants.append(c + graph.price[i])
@@ -198,7 +249,7 @@ class _RefineScheduler(PlanningScheduler):
         t = np.append(k[k > 0], len(path))
         follows = np.vstack([rest.follows[t].T, np.zeros((1, len(t)), dtype=bool)])  # the last row, -1, is nowhere
         best, found = total, path
-        for i in range(len(self.modes)):
+        for i in range(len(self.maps)):
             P, constants = self._before(rest, i, t)
             prefixes = costs[k] + self.switch(before[k], i, moments[k])
             begun = np.column_stack([moments[k], prefixes, np.ones(len(k))])

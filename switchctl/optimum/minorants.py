@@ -28,10 +28,10 @@ def lower_bounds(A: Array, Q: Array) -> Array:
     """
     bounds, L = [np.zeros_like(A[0])], np.zeros_like(A[0])
     for t in range(1, _ROUNDS + 1):
-        each = [_below(Q[i], A[i], L) for i in range(len(A))]
+        each = [below(Q[i], A[i], L) for i in range(len(A))]
         last, L = L, each[0]
         for X in each[1:]:
-            L = _minorant(L, X)
+            L = minorant(L, X)
         d = _scales(np.abs(L))
         if np.linalg.eigvalsh(L / np.outer(d, d))[0] < -_NEGATIVE:
             break
@@ -43,7 +43,7 @@ def lower_bounds(A: Array, Q: Array) -> Array:
     return svec(np.stack(bounds))
 
 
-def _below(Q: Array, A: Array, L: Array) -> Array:
+def below(Q: Array, A: Array, L: Array) -> Array:
     """``Q + A' L A``, less a bound of the rounding in it.
 
     A symmetric error with entries up to B is below ``diag(sum_j B_ij d_j / d_i)`` for every d > 0.
@@ -53,7 +53,7 @@ def _below(Q: Array, A: Array, L: Array) -> Array:
     return Q + transform(A, L) - np.diag((B @ d) / d)
 
 
-def _minorant(X: Array, Y: Array) -> Array:
+def minorant(X: Array, Y: Array) -> Array:
     """A great matrix below two others: least where both are least in common coordinates, and checked."""
     d = _scales(np.abs(X) + np.abs(Y))
     X, Y = X / np.outer(d, d), Y / np.outer(d, d)

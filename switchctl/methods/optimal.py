@@ -1,0 +1,226 @@
+"""The optimum, with proof: branch and bound over all switching sequences."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from switchctl.continuation import Plan, shortest, wander
+from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.planning import PlanningScheduler
+from switchctl.methods.prediction import CEILING, CONVERGED, INTERRUPTED
+from switchctl.methods.refine import LocalSearch
+from switchctl.modes import ModeSet
+from switchctl.moments import Array
+from switchctl.optimum.decisions import Decisions
+from switchctl.optimum.lower import LowerBounds
+from switchctl.optimum.search import Search
+from switchctl.optimum.upper import UpperBounds
+from switchctl.validation import frozen, number, positive_semidefinite, real_array
+
+OPTIMAL = 1e-9
+"""A proven gap of at most this fraction of the cost is called optimal."""
+NOT_STABILISED = "no stabilising sequence found"
+_FIRST = 0.5
+_HARD = 5000  # moments in a rung from which on local search comes first
+_UNROLLED = 3000
+_SLOWEST = 1.2
+
+
+class Rung(NamedTuple):
+    """What is known after a rung of the search, as `Optimal` tells its callback.
+
+    ``cost`` and ``lower_bound`` are in the unit of `Schedule.cost`, ``tolerance`` and ``gap`` fractions of the cost,
+    ``nodes`` the moments seen, ``seconds`` the time since the search began.
+    """
+
+    tolerance: float
+    cost: float
+    lower_bound: float
+    gap: float
+    nodes: int
+    seconds: float
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Optimal(Method):
+    """The least cost of all switching sequences, for ever or over a finite horizon, with a proof how near it is.
+
+    Branch and bound. A prefix of c so far that has come to the moment S is given up where
+    ``c + max_j tr(L_j S) >= (1 - tolerance) J``: J is the least cost found, and the L_j are lower bounds of whatever
+    follows, ``L <= Q_i + A_i' L A_i`` for every mode, each the best for some moment (a semidefinite program). The
+    search is run with one tolerance after the other, from one half down to the gap; a run that ends proves that no
+    sequence costs less than ``(1 - tolerance) J``. All bounds hold in spite of rounding (docs/theory.md, "The
+    optimum").
+
+    It plans at its first sample, and doesn't look at later ones. The schedule has its proven ``lower_bound`` and
+    ``gap``; its ``status`` is "optimal" (the gap is at most 1e-9), "gap reached", "time limit", "memory limit",
+    "interrupted" or "no stabilising sequence found".
+
+    Parameters
+    ----------
+    gap : float, optional
+        The gap to prove, as a fraction of the cost.
+    time_limit : float, optional
+        Seconds after which the best sequence is returned with the gap proven so far.
+    terminal : array_like, shape (n, n), optional
+        For a run that ends after the schedule's ``steps``: a positive semidefinite weight M of the state at its end,
+        which costs ``dk * tr(M S_N)``. Without it, the run goes on for ever.
+    memory_limit : float, optional
+        Bytes that the search may take.
+    callback : callable, optional
+        Called after each rung with a `Rung`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a setting is of the wrong kind or value; from `schedule`, if there is a terminal weight and no ``steps``.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> best = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Optimal(gap=1e-6))
+    >>> print(best.status, best.switches, round(best.cost, 4), round(best.lower_bound, 4))
+    gap reached (Switch(step=12, before=1, after=0),) 14.4423 14.4422
+    """
+
+    gap: float = 1e-3
+    time_limit: float = 60.0
+    terminal: Any = None
+    memory_limit: float = 2e9
+    callback: Callable[[Rung], None] | None = None
+
+    def __post_init__(self) -> None:
+        for name, reason in (
+            ("gap", "a fraction of the cost; 0 can't be proven in floating point, 1e-9 can"),
+            ("time_limit", "seconds"),
+            ("memory_limit", "bytes"),
+        ):
+            value = number(getattr(self, name), name)
+            if not value > 0 or (name == "gap" and value >= 1):
+                bounds = "between 0 and 1" if name == "gap" else "above 0"
+                raise ValueError(f"{name} is {value!r}; expected a number {bounds}, {reason}")
+            object.__setattr__(self, name, value)
+        if self.terminal is not None:
+            M = real_array(self.terminal, "terminal", (None, None))
+            if M.shape[0] != M.shape[1]:
+                raise ValueError(f"terminal has shape {M.shape}; expected a square matrix, one row a state")
+            object.__setattr__(self, "terminal", frozen(positive_semidefinite(M, "terminal")))
+        if self.callback is not None and not callable(self.callback):
+            raise TypeError(f"callback must be callable, not {self.callback!r}")
+
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        n = graph.modes.A.shape[-1]
+        if self.terminal is not None and len(self.terminal) != n:
+            raise ValueError(f"terminal has shape {self.terminal.shape}; the modes have {n} states, so expected {n, n}")
+        return _OptimalScheduler(graph, self)
+
+
+class _OptimalScheduler(PlanningScheduler):
+    def __init__(self, graph: SwitchingGraph, settings: Optimal) -> None:
+        super().__init__(graph)
+        self.settings = settings
+        self.terminal = settings.terminal
+
+    def search(self, S: Array) -> Plan:
+        if self.terminal is not None and self.steps is None:
+            raise ValueError("a terminal weight needs the number of steps: schedule(.., steps=N)")
+        if not np.any(S):
+            self.lower_bound, self.status = 0.0, "optimal"
+            return self._any(S)
+        begun = time.perf_counter()
+        self.S, self.deadline = S, begun + self.settings.time_limit
+        self.seconds = {"bounds": 0.0, "refine": 0.0}
+        decisions = Decisions(self.graph, None if self.terminal is None else self.steps)
+        terminal = None if self.terminal is None else decisions.scaled_cost(self.terminal)
+        upper = UpperBounds(decisions, terminal)
+        if not upper.ends(0).keys and not upper.look_further():
+            self.lower_bound, self.status = 0.0, NOT_STABILISED
+            return self._any(S)
+        s = decisions.scaled(S)
+        lower = LowerBounds(decisions, upper.reference(s), terminal)
+        lower.improve(0, s)
+        found = Search(decisions, lower, upper, s, self.settings.memory_limit)
+        rungs = 0
+        try:
+            rungs = self._climb(found, begun)
+        except KeyboardInterrupt:
+            self.interrupted, self.status = True, INTERRUPTED
+        dk = self.modes.dk
+        self.lower_bound = dk * min(found.bound, found.cost)
+        total = time.perf_counter() - begun
+        self.statistics = {"nodes": found.nodes, "rungs": rungs, "bounds": lower.count, "seconds": total} | {
+            f"seconds of {part}": spent for part, spent in (self.seconds | {"bounds": lower.seconds}).items()
+        }
+        assert found.plan is not None
+        return found.plan
+
+    def _climb(self, found: Search, begun: float) -> int:
+        """Rung after rung, with less tolerance each, until the gap is proven."""
+        wanted, dk = self.settings.gap, self.modes.dk
+        tolerance, rungs, refined, last = max(_FIRST, wanted), 0, None, None
+        with tqdm(desc="optimum", unit="moment", unit_scale=True, delay=2, leave=False) as progress:
+
+            def told() -> None:
+                gap = 1 - found.bound / found.cost
+                progress.set_postfix(gap=f"{gap:.1e}", cost=f"{dk * found.cost:.8g}", refresh=False)
+                progress.update(found.nodes - progress.n)
+
+            while True:
+                before = found.nodes
+                status = found.rung(tolerance, self.deadline, told)
+                rungs += status == "closed"
+                gap = 1 - found.bound / found.cost
+                if self.settings.callback is not None:
+                    spent = time.perf_counter() - begun
+                    self.settings.callback(Rung(tolerance, dk * found.cost, dk * found.bound, gap, found.nodes, spent))
+                if status != "closed" or gap <= wanted:
+                    break
+                seen = found.nodes - before
+                if seen > _HARD and self.terminal is None and found.plan != refined:
+                    refined = self._refine(found)
+                # Moments grow as a power of 1 / tolerance: the next rung is to take about four times as many.
+                power = 0.0 if last is None else math.log(max(seen / last[1], 1)) / math.log(last[0] / tolerance)
+                factor = 16.0 if seen < 3000 else 4 ** (1 / max(power, 0.3))
+                last = tolerance, seen
+                tolerance = max(tolerance / max(factor, _SLOWEST), wanted * (1 - 1e-3))
+        if gap <= wanted:
+            status = "optimal" if gap <= OPTIMAL else "gap reached"
+        self.status = status
+        return rungs
+
+    def _refine(self, found: Search) -> Plan:
+        """Improve the best sequence found by local search."""
+        begun = time.perf_counter()
+        assert found.plan is not None
+        lead, word = found.plan
+        repeated = -(-max(self._length(lead, word) - len(lead), 1) // len(word))
+        local = LocalSearch(self.graph, self.S, lead + word * repeated, word)
+        local.improve(self.deadline)
+        path, word = shortest(tuple(local.run.path.tolist()), word)
+        if local.run.total < found.cost * (1 - TIE):
+            found.cost, found.plan = local.run.total, (path, word)
+        self.seconds["refine"] += time.perf_counter() - begun
+        return found.plan
+
+    def _length(self, lead: tuple[int, ...], word: tuple[int, ...]) -> int:
+        """The steps after which next to nothing is left."""
+        S, k, A = self.S, 0, self.modes.A
+        start = np.trace(S)
+        while k < min(len(lead) + _UNROLLED, CEILING) and not np.trace(S) <= CONVERGED * start:
+            mode = lead[k] if k < len(lead) else word[(k - len(lead)) % len(word)]
+            S, k = A[mode] @ S @ A[mode].T, k + 1
+        return max(k, len(lead))
+
+    def _any(self, S: Array) -> Plan:
+        """Some way to go on, where they all cost nothing, or infinitely much."""
+        if self.terminal is not None:
+            lead, word = wander(self.graph, 0)
+            return tuple((lead + word * (self.steps or 1))[: self.steps]), ()
+        return self.cheapest_way(S) or wander(self.graph, 0)
