@@ -27,6 +27,7 @@ ORDER = [
     "optimum",
     "closed_loop methods",
     "result result_text",
+    "certificates",
     "scheduling",
     "comparison sweeping trade_offs",
     "plotting",

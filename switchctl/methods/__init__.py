@@ -5,6 +5,7 @@ from switchctl.methods.constant import Constant, best_single_mode, single_mode_c
 from switchctl.methods.few_switches import FewSwitches
 from switchctl.methods.optimal import Optimal, Rung
 from switchctl.methods.pointwise import PointwiseMinimum
+from switchctl.methods.policy import Policy
 from switchctl.methods.receding_horizon import RecedingHorizon
 from switchctl.methods.refine import Refine
 from switchctl.methods.rollout import Rollout
@@ -15,6 +16,7 @@ __all__ = [
     "Method",
     "Optimal",
     "PointwiseMinimum",
+    "Policy",
     "RecedingHorizon",
     "Refine",
     "Rollout",

@@ -10,18 +10,22 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.continuation import Plan, shortest, wander
-from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.gramians import transform
+from switchctl.graph import SwitchingGraph, as_graph, graph_under
 from switchctl.methods.base import TIE, Method, Scheduler
 from switchctl.methods.planning import PlanningScheduler
+from switchctl.methods.policy import Policy
 from switchctl.methods.prediction import CEILING, CONVERGED, INTERRUPTED
 from switchctl.methods.refine import LocalSearch
 from switchctl.modes import ModeSet
-from switchctl.moments import Array
+from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.lower import LowerBounds
+from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search
 from switchctl.optimum.upper import UpperBounds
-from switchctl.validation import frozen, number, positive_semidefinite, real_array
+from switchctl.rules import Rules
+from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
 
 OPTIMAL = 1e-9
 """A proven gap of at most this fraction of the cost is called optimal."""
@@ -29,7 +33,10 @@ NOT_STABILISED = "no stabilising sequence found"
 _FIRST = 0.5
 _HARD = 5000  # moments in a rung from which on local search comes first
 _UNROLLED = 3000
-_SLOWEST = 1.2
+_CHOICES = 200
+_SLOWEST = 1.1
+_STEEP = 1.2  # a rung whose tolerance is less by more than this factor is left ..
+_MANY = 1_000_000  # .. after so many moments and 8 times those of the last, for one between
 
 
 class Rung(NamedTuple):
@@ -121,6 +128,60 @@ class Optimal(Method):
             raise ValueError(f"terminal has shape {self.terminal.shape}; the modes have {n} states, so expected {n, n}")
         return _OptimalScheduler(graph, self)
 
+    def policy(self, modes: ModeSet, rules: Rules | SwitchingGraph | None = None, quadratics: int = 100) -> Policy:
+        """Make a feedback law whose cost is within a proven factor of the optimum from every initial state.
+
+        Relaxed dynamic programming: a value function of few quadratics, to which the one that is wanted most is added
+        until the factor is ``1 / (1 - gap)``, there are enough, or the time is up (docs/theory.md, "The policy").
+
+        Parameters
+        ----------
+        modes : ModeSet
+            The modes; their stage weights must be positive definite.
+        rules : Rules or SwitchingGraph, optional
+            What limits or prices switching; nothing by default.
+        quadratics : int, optional
+            The most quadratics in all.
+
+        Returns
+        -------
+        Policy
+            A method like the others; its ``factor`` is the guarantee.
+
+        Raises
+        ------
+        ValueError
+            If there is a terminal weight, a stage weight is singular, the graph has more than 200 nodes with a choice,
+            or no way on of finite cost is known at one of them.
+        """
+        if self.terminal is not None:
+            raise ValueError("a policy is for runs that go on for ever; leave out terminal")
+        quadratics = whole_number(quadratics, "quadratics")
+        graph = graph_under(modes, rules)
+        decisions = Decisions(graph)
+        if not decisions.reachable(_CHOICES):
+            raise ValueError(f"{graph.rules!r} needs more than {_CHOICES} nodes with a choice, too many for a policy")
+        weights = np.linalg.eigvalsh(modes.Q)
+        if (weights[:, 0] <= 1e-10 * weights[:, -1]).any():
+            singular = modes.names[int((weights[:, 0] <= 1e-10 * weights[:, -1]).argmax())]
+            raise ValueError(f"a policy needs positive definite stage weights, and that of {singular!r} is singular")
+        values = RelaxedValues(decisions)
+        if any(len(known.P) == 0 for known in values.values.values()):
+            raise ValueError("a policy starts from ways on of finite cost, and at some node of the graph none is known")
+        values.grow(1 / (1 - self.gap), quadratics, time.perf_counter() + self.time_limit)
+        tables = {}
+        for u, (_, node) in enumerate(decisions.places):
+            moves, rows, constants = decisions.moves(u), [], []
+            for move in moves:
+                P, later = values.values[move.head]
+                worth = move.Q + transform(move.A, P)
+                rows.append(svec(worth * np.outer(decisions.scale, decisions.scale)))
+                constants.append(later + move.constant)
+            if len(moves) > 1:
+                firsts = [move.word[0] for move, known in zip(moves, rows, strict=True) for _ in known]
+                tables[node] = firsts, np.concatenate(rows), np.concatenate(constants)
+        return Policy(graph, tables, values.factor)
+
 
 class _OptimalScheduler(PlanningScheduler):
     def __init__(self, graph: SwitchingGraph, settings: Optimal) -> None:
@@ -164,7 +225,8 @@ class _OptimalScheduler(PlanningScheduler):
     def _climb(self, found: Search, begun: float) -> int:
         """Rung after rung, with less tolerance each, until the gap is proven."""
         wanted, dk = self.settings.gap, self.modes.dk
-        tolerance, rungs, refined, last = max(_FIRST, wanted), 0, None, None
+        tolerance, rungs, refined = max(_FIRST, wanted), 0, None
+        last = 1.0, 1  # the tolerance of the last rung, and its moments
         with tqdm(desc="optimum", unit="moment", unit_scale=True, delay=2, leave=False) as progress:
 
             def told() -> None:
@@ -174,7 +236,11 @@ class _OptimalScheduler(PlanningScheduler):
 
             while True:
                 before = found.nodes
-                status = found.rung(tolerance, self.deadline, told)
+                most = math.inf if tolerance > last[0] / _STEEP else _MANY + 8 * last[1]
+                status = found.rung(tolerance, self.deadline, told, most)
+                if status == "too many":
+                    tolerance = math.sqrt(tolerance * last[0])
+                    continue
                 rungs += status == "closed"
                 gap = 1 - found.bound / found.cost
                 if self.settings.callback is not None:
@@ -186,7 +252,7 @@ class _OptimalScheduler(PlanningScheduler):
                 if seen > _HARD and self.terminal is None and found.plan != refined:
                     refined = self._refine(found)
                 # Moments grow as a power of 1 / tolerance: the next rung is to take about four times as many.
-                power = 0.0 if last is None else math.log(max(seen / last[1], 1)) / math.log(last[0] / tolerance)
+                power = math.log(max(seen / last[1], 1)) / math.log(last[0] / tolerance)
                 factor = 16.0 if seen < 3000 else 4 ** (1 / max(power, 0.3))
                 last = tolerance, seen
                 tolerance = max(tolerance / max(factor, _SLOWEST), wanted * (1 - 1e-3))

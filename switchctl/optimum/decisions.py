@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -73,6 +74,7 @@ class Decisions:
         self.places: list[tuple[int, int]] = [(0, 0)]  # the steps taken (0 if endless) and the node of the graph
         self._numbers = {(0, 0): 0}
         self._moves: dict[int, list[Move]] = {}
+        self._forced, self._circling = _forced(graph)
         self._composed: dict[tuple[int, tuple[int, ...]], tuple[int, Array, Array, Array, Array, float, float]] = {}
 
     def scaled(self, S: Array) -> Array:
@@ -109,9 +111,7 @@ class Decisions:
         word: list[int] = []
         nodes: list[int] = []
         paid = [0.0]
-        while not word or (
-            len(word) < _LONGEST and k + len(word) != self.steps and (graph.successor[v] >= 0).sum() == 1
-        ):
+        while not word or (len(word) < _LONGEST and k + len(word) != self.steps and self._goes_on(v)):
             mode = int(graph.successor[v].argmax()) if word else mode
             last = int(graph.last_mode[v])
             paid.append(paid[-1] + float(graph.price[mode] + graph.switch_cost[last, mode] / graph.modes.dk))
@@ -124,6 +124,14 @@ class Decisions:
             self._numbers[key] = len(self.places)
             self.places.append(key)
         return Move(tuple(word[:length]), A, Q, K, q, paid[length], self._numbers[key], slip, cost_slip)
+
+    def _goes_on(self, v: int) -> bool:
+        """Whether a step from a node is taken together with the one before it."""
+        return bool(self._forced[v] and (self.steps is not None or not self._circling[v]))
+
+    def chooses(self, u: int) -> bool:
+        """Whether it is more than a place where a long word was cut."""
+        return u == 0 or not self._goes_on(self.places[u][1])
 
     def _compose(self, before: int, word: tuple[int, ...]) -> tuple[int, Array, Array, Array, Array, float, float]:
         """The map and the cost of a word, or of its beginning that is accurate, and how far rounding may move them."""
@@ -210,3 +218,14 @@ class Decisions:
             move = self.moves(u)[number]
             yield move
             u = move.head
+
+
+def _forced(graph: SwitchingGraph) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The nodes with one move, and those of them that come back to themselves without a choice."""
+    forced = (graph.successor >= 0).sum(axis=1) == 1
+    jump = np.append(np.where(forced, graph.successor.max(axis=1), -1), -1)  # the last entry, -1, is nowhere
+    for _ in range(len(graph).bit_length()):
+        jump = jump[jump]
+    circling = np.zeros(len(graph) + 1, dtype=bool)
+    circling[jump] = True
+    return forced, circling[:-1]

@@ -16,7 +16,7 @@ from switchctl.optimum.prefixes import Indices, Stack, Tree
 from switchctl.optimum.upper import Ends, UpperBounds
 
 CHUNK = 16_384
-_GROW = 20_000  # moments between two bounds added
+_GROW = 5000  # moments between two bounds added, or twice as many after each that gained nothing
 _BANK = 32
 _TREE = 4_000_000  # moves remembered before those no longer needed are dropped
 _TABLES = 2000
@@ -76,7 +76,9 @@ class Search:
         if (found := upper.best(0, s)) is not None:
             self.cost, self.plan = found
 
-    def rung(self, tolerance: float, deadline: float, told: Callable[[], None] = lambda: None) -> str:
+    def rung(
+        self, tolerance: float, deadline: float, told: Callable[[], None] = lambda: None, most: float = math.inf
+    ) -> str:
         """Search all prefixes that may lead to less than ``cost * (1 - tolerance)``.
 
         Parameters
@@ -87,15 +89,17 @@ class Search:
             When to stop, on the clock of `time.perf_counter`.
         told : callable
             Called after each chunk.
+        most : float
+            Moments after which to give up.
 
         Returns
         -------
         str
-            "closed": there is none, and ``bound`` says so; or "time limit", "memory limit".
+            "closed": there is none, and ``bound`` says so; or "too many", "time limit", "memory limit".
         """
         root = Stack(len(self.s))
         root.push(self.s[None], np.full(1, -self._begun), np.zeros(1, dtype=np.int64))
-        stacks, tree = {0: root}, Tree()
+        stacks, tree, most = {0: root}, Tree(), self.nodes + most
         while True:
             u = max(stacks, key=lambda v: stacks[v].count)
             if stacks[u].count == 0:
@@ -105,6 +109,8 @@ class Search:
             if time.perf_counter() > deadline or held > self.memory:
                 self._raise_bound(stacks, tolerance)
                 return "memory limit" if held > self.memory else "time limit"
+            if self.nodes > most:
+                return "too many"
             crowded = held > self.memory / 4  # then fewer at once: depth first grows less
             chunk = stacks[u].pop(CHUNK // 32 if crowded else CHUNK)
             if tree.count > _TREE:

@@ -1,0 +1,299 @@
+"""Write a certificate of a schedule: what it costs at most, and what every schedule costs at least."""
+
+import json
+import math
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from switchctl.certificates import check
+from switchctl.files import write_text
+from switchctl.moments import Array, smat
+from switchctl.optimum.decisions import Decisions
+from switchctl.optimum.lower import LowerBounds
+from switchctl.optimum.search import Search
+from switchctl.optimum.upper import UpperBounds
+from switchctl.result import Schedule
+from switchctl.tail_costs import word_value
+from switchctl.validation import number, whole_number
+
+_LARGEST = 20_000  # nodes and choices of a graph
+_FIRST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A claim about the least cost of a switching problem, with what it takes to check it.
+
+    Parameters
+    ----------
+    document : dict
+        Data, claim and witness, as the file has them.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> found = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Refine())
+    >>> certify(found, gap=1e-6)
+    Certificate: the least cost lies between 14.442234 and 14.442248 (gap 1e-06), 27 prefixes
+    >>> certify(found).check()
+    """
+
+    document: dict[str, Any]
+
+    @property
+    def lower(self) -> float:
+        """What every run costs at least."""
+        return float.fromhex(self.document["claim"]["lower"])
+
+    @property
+    def upper(self) -> float:
+        """What the run given costs at most."""
+        return float.fromhex(self.document["claim"]["upper"])
+
+    @property
+    def gap(self) -> float:
+        """``1 - lower / upper``."""
+        return 1 - self.lower / self.upper if self.upper > 0 else 0.0
+
+    def check(self) -> None:
+        """Decide the claim in exact arithmetic, as ``check.py`` does.
+
+        Raises
+        ------
+        switchctl.certificates.check.Rejected
+            If it isn't proven.
+        """
+        check.check(self.document)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write it as JSON, for ``python check.py PATH``.
+
+        Parameters
+        ----------
+        path : path-like
+            The file to write.
+
+        Returns
+        -------
+        pathlib.Path
+        """
+        return write_text(path, json.dumps(self.document, allow_nan=False))
+
+    def __repr__(self) -> str:
+        count = len(self.document["witness"]["tree"])
+        return (
+            f"Certificate: the least cost lies between {self.lower:.8g} and {self.upper:.8g} (gap {self.gap:.2g}), "
+            f"{count} prefix{'es' * (count != 1)}"
+        )
+
+
+def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time_limit: float = 60.0) -> Certificate:
+    """Prove how near to the optimum a schedule is, in a form that can be checked without this package.
+
+    Any method's schedule will do; near the optimum the proof is short. Where the gap would take a tree of more
+    prefixes, or more time, the claim is what can be proven within them.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        The schedule, of finite cost. The stage weights must be positive definite, unless the run ends (a terminal
+        weight).
+    gap : float, optional
+        The gap to prove, as a fraction of the cost.
+    prefixes : int, optional
+        The most prefixes in the tree. The checker takes up to a millisecond for each step of each.
+    time_limit : float, optional
+        Seconds for the search.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or value, the schedule's cost is infinite, or a stage weight is singular.
+    """
+    if not isinstance(schedule, Schedule):
+        raise TypeError(f"schedule must be a Schedule, not a {type(schedule).__name__}")
+    gap, time_limit = number(gap, "gap"), number(time_limit, "time_limit")
+    prefixes = whole_number(prefixes, "prefixes")
+    if not (0 < gap < 1 and time_limit > 0):
+        raise ValueError(f"gap = {gap}, time_limit = {time_limit}; expected 0 < gap < 1 and seconds above 0")
+    if not np.isfinite(schedule.cost):
+        raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
+    writer = _Writer(schedule)
+    tree = writer.grow(gap, prefixes, time.perf_counter() + time_limit)
+    data, witness = writer.data(), {**writer.bounds(), "tree": tree, **writer.run()}
+    problem = check.Problem(data)  # the claim is what the checker finds proven, rounded outward
+    lower, upper = float(check.proven_lower(problem, witness)), float(check.proven_upper(problem, witness))
+    claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
+    document = {"format": "switchctl certificate", "version": check.VERSION, "data": data, "claim": claim}
+    return Certificate({**document, "witness": witness, "sha256": check.digest(data)})
+
+
+class _Writer:
+    def __init__(self, schedule: Schedule) -> None:
+        self.schedule, graph = schedule, schedule.graph
+        steps = None if schedule.terminal is None else len(schedule)
+        self.decisions = Decisions(graph, steps)
+        terminal = None if schedule.terminal is None else self.decisions.scaled_cost(schedule.terminal)
+        if not self.decisions.reachable(_LARGEST):
+            raise ValueError(f"the graph has more than {_LARGEST:,} choices, too many for a certificate")
+        upper = UpperBounds(self.decisions, terminal)
+        s = self.decisions.scaled(schedule.x0.second_moment)
+        if not upper.ends(0).keys:
+            upper.look_further()
+        self.lower = LowerBounds(self.decisions, upper.reference(s), terminal)
+        if not self.lower.definite:
+            raise ValueError("a certificate needs positive definite stage weights, and one of these is singular")
+        self.lower.improve(0, s)
+        self.search = Search(self.decisions, self.lower, upper, s)
+        dk = graph.modes.dk
+        if schedule.cost / dk < self.search.cost:
+            self.search.cost = schedule.cost / dk
+        self.nodes = self._reached()
+
+    def _reached(self) -> dict[tuple[int, int], int]:
+        """The nodes of the problem, by steps taken (0 if endless) and node of the graph, numbered from the start."""
+        graph, steps = self.schedule.graph, self.decisions.steps
+        if steps is None:
+            return {(0, v): v for v in range(len(graph))}
+        nodes = {(0, 0): 0}
+        for k, v in (queue := [(0, 0)]):
+            for head in graph.successor[v][graph.successor[v] >= 0].tolist() if k < steps else []:
+                if (k + 1, head) not in nodes:
+                    nodes[k + 1, head] = len(nodes)
+                    queue.append((k + 1, head))
+        if len(nodes) > _LARGEST:
+            raise ValueError(f"the run has {len(nodes):,} nodes, more than the {_LARGEST:,} of a certificate")
+        return nodes
+
+    def grow(self, gap: float, prefixes: int, deadline: float) -> list[int]:
+        """The tree of the least tolerance that can be had."""
+        tolerance, tree = max(_FIRST, gap), [0]
+        with tqdm(desc="certificate", unit="rung", delay=2, leave=False) as progress:
+            while self.search.rung(tolerance, deadline) == "closed":
+                found = self._tree(self.search.cost * (1 - tolerance), prefixes)
+                tree = tree if found is None else found
+                if found is None or tolerance <= gap:
+                    break
+                tolerance = max(tolerance / 4, gap * (1 - 1e-3))
+                progress.update()
+        return tree
+
+    def _tree(self, threshold: float, most: int) -> list[int] | None:
+        """The prefixes to give up, depth first: -1 to go on, or the bound that exceeds the threshold.
+
+        Where there is nothing to choose, and at the end, nothing (-2) is told.
+        """
+        decisions, lower = self.decisions, self.lower
+        tokens = [0]
+        children: list[list[int]] = [[]]
+        waiting: dict[int, tuple[Any, ...]] = {0: (self.search.s[None], np.zeros(1), np.zeros(1, dtype=int))}
+        while waiting:
+            u, (moments, costs, places) = waiting.popitem()
+            worth = moments @ lower.rows(u).T + costs[:, None]
+            best = worth.argmax(axis=1)
+            for place, bound in zip(places, best, strict=True):
+                tokens[place] = int(bound)
+            going = np.flatnonzero((worth.max(axis=1) < threshold) | (not decisions.chooses(u)))
+            for move in decisions.moves(u) if len(going) else ():
+                begun = len(tokens)
+                if begun + len(going) > most:
+                    return None
+                tokens += [0] * len(going)
+                children += [[] for _ in going]
+                for child, parent in enumerate(places[going].tolist(), begun):
+                    tokens[parent] = -1 if decisions.chooses(u) else -2
+                    children[parent].append(child)
+                after = moments[going] @ move.K.T, costs[going] + moments[going] @ move.q + move.constant
+                found: tuple[Any, ...] = *after, np.arange(begun, begun + len(going))
+                if decisions.ended(move.head):
+                    for place in found[2]:
+                        tokens[place] = -2
+                    continue
+                if move.head in waiting:
+                    known = waiting[move.head]
+                    found = tuple(np.concatenate(pair) for pair in zip(known, found, strict=True))
+                waiting[move.head] = found
+        order, stack = [], [0]
+        while stack:
+            place = stack.pop()
+            order += [tokens[place]] if tokens[place] != -2 else []
+            stack += reversed(children[place])
+        return order
+
+    def data(self) -> dict[str, Any]:
+        """The problem, in numbers that are exact."""
+        graph, x0 = self.schedule.graph, self.schedule.x0
+        modes, steps = graph.modes, self.decisions.steps
+        moves = []
+        for k, v in self.nodes:
+            ways = np.flatnonzero(graph.successor[v] >= 0).tolist() if steps is None or k < steps else []
+            ahead = 0 if steps is None else k + 1
+            moves.append([[mode, self.nodes[ahead, int(graph.successor[v, mode])]] for mode in ways])
+        return {
+            "names": list(modes.names),
+            "period": float(modes.dk).hex(),
+            "mean": [[float(x).hex()] for x in x0.mean],
+            "cov": exact(x0.cov),
+            "A": [exact(A) for A in modes.A],
+            "Q": [exact(Q) for Q in modes.Q],
+            "moves": moves,
+            "last": [int(graph.last_mode[v]) for _, v in self.nodes],
+            "switch_cost": exact(graph.switch_cost),
+            "switch_cost_per_w2": exact(graph.switch_cost_per_w2),
+            "price": [float(x).hex() for x in graph.price],
+            "terminal": None if self.schedule.terminal is None else exact(self.schedule.terminal),
+        }
+
+    def bounds(self) -> dict[str, Any]:
+        """The lower bounds at every choice, in the unit of the cost, a little lower: rounding takes from them."""
+        decisions, lower, dk = self.decisions, self.lower, self.schedule.modes.dk
+        choices = [u for u in range(len(decisions.places)) if not decisions.ended(u) and decisions.chooses(u)]
+        rows = np.array([lower.rows(u) for u in choices])
+        size = float(np.linalg.norm(rows, axis=2).max())
+        lightest = float(np.linalg.eigvalsh(lower.least)[0])
+        share = 1 - 256 * decisions.n * np.finfo(float).eps * (1 + size / lightest)
+        L = smat(rows) * np.outer(decisions.scale, decisions.scale) * dk * share
+        numbers = [self.nodes[decisions.places[u]] for u in choices]
+        guard = 16.0 * decisions.n * float(np.linalg.norm(L, axis=(2, 3)).max())
+        used = range(lower.count)
+        return {
+            "choices": numbers,
+            "bounds": [{str(v): exact(L[i, j]) for i, v in enumerate(numbers)} for j in used],
+            "guards": [guard.hex() for _ in used],
+        }
+
+    def run(self) -> dict[str, Any]:
+        """The schedule, up to where its word may be repeated, and a matrix above the cost of the word."""
+        schedule, graph = self.schedule, self.schedule.graph
+        path = [*schedule.sequence.tolist(), *schedule.lead]
+        if schedule.terminal is not None:
+            return {"lead": path, "word": [], "tail": None}
+        word, node = list(schedule.tail), int(graph.walk(path)[-1])
+        while (after := int(graph.walk(word, node)[-1])) != node:
+            path, node = path + word, after
+        value = word_value(graph, schedule.tail)
+        assert value is not None  # the cost is finite
+        dk, before = graph.modes.dk, int(graph.last_mode[node])
+        P = self.decisions.scaled_cost(value + graph.switch_cost_per_w2[before, word[0]] / dk * np.eye(len(value)))
+        lightest = float(np.linalg.eigvalsh(self.lower.least)[0])
+        P = P * (1 + 1e-9 + 1e4 * np.finfo(float).eps * np.linalg.norm(P) / lightest)
+        return {
+            "lead": path,
+            "word": word,
+            "tail": exact(P * np.outer(self.decisions.scale, self.decisions.scale) * dk),
+        }
+
+
+def exact(matrix: Array) -> list[list[str]]:
+    """A matrix in hexadecimal numbers."""
+    return [[float(entry).hex() for entry in row] for row in matrix]

@@ -1,0 +1,76 @@
+"""A policy: a value function of few quadratics, used online, with a guarantee for every initial state."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.modes import ModeSet
+from switchctl.moments import Array, svec
+
+Table = tuple[list[int], Array, Array]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Policy(Method):
+    """Take, at every choice, the move whose cost and value after it are least; `Optimal.policy` makes one.
+
+    The value is the least of a few quadratics, ``V(S) = min_P tr(P S)``, one set at each node of the switching graph
+    with a choice. From any initial state the policy costs at most V(S_0), and V is at most ``factor`` times the
+    optimum.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The modes and rules that it is for.
+    tables : dict of int to (modes, rows, constants)
+        By node of the graph with a choice: a first mode, and a cost as a row for ``svec(S)`` and a constant, per dk,
+        for each move and quadratic after it.
+    factor : float
+        The guarantee.
+
+    Raises
+    ------
+    ValueError
+        From `start` and `schedule`, on other modes or rules.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> policy = Optimal(gap=0.05).policy(modes)
+    >>> policy
+    Policy(144 functionals, at most 1.051 times the optimum)
+    >>> print(round(schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), policy).cost, 4))
+    14.4423
+    """
+
+    graph: SwitchingGraph
+    tables: dict[int, Table] = field(repr=False)
+    factor: float
+
+    def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
+        graph = as_graph(graph)
+        same = graph.modes is self.graph.modes and graph.rules == self.graph.rules
+        if not same or graph.automaton_edges != self.graph.automaton_edges:
+            raise ValueError(
+                f"the policy is for {self.graph.modes.names} under {self.graph.rules!r}; make one for these modes and "
+                f"rules by Optimal(..).policy(modes, rules), not to be started under {graph.rules!r}"
+            )
+        return _PolicyScheduler(self.graph, self.tables)
+
+    def __repr__(self) -> str:
+        count = sum(len(constants) for _, _, constants in self.tables.values())
+        return f"Policy({count} functionals, at most {self.factor:.4g} times the optimum)"
+
+
+class _PolicyScheduler(Scheduler):
+    def __init__(self, graph: SwitchingGraph, tables: dict[int, Table]) -> None:
+        super().__init__(graph)
+        self.tables = tables
+
+    def decide(self, S: Array) -> int:
+        if self.node not in self.tables:
+            return int(np.flatnonzero(self.allowed)[0])  # there is no choice
+        modes, rows, constants = self.tables[self.node]
+        return modes[least_cost(rows @ svec(S) + constants)]

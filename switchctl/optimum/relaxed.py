@@ -1,0 +1,192 @@
+"""Relaxed dynamic programming: a value function of few quadratics, and how far it may be above the optimum.
+
+With finitely many P at every choice, ``V_v(S) = min_P tr(P S) + constant``. Each P is what some way on costs, so the
+run that takes, at each choice, the move of least cost and value costs at most V. And where ``V_v(S) <= f c_e(S) +
+V_w(S_e)`` on every move e from v to w, of cost c_e, V is at most f times the optimum, for every S. That holds for a
+move and a P at its head if and only if a convex combination of the P at v is below ``f Q_e + A_e' P A_e`` (and so for
+the constants): a small semidefinite program. (B. Lincoln and A. Rantzer, Relaxing dynamic programming, IEEE
+Transactions on Automatic Control 51, 2006, prune by such inequalities.)
+"""
+
+import heapq
+import time
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from tqdm import tqdm
+
+from switchctl.continuation import Continuations
+from switchctl.gramians import transform
+from switchctl.moments import Array, svec
+from switchctl.optimum.decisions import Decisions, Move
+
+_ROUNDING = 1e-9  # what is taken off the guarantee for rounding in the P themselves
+
+
+class Values(NamedTuple):
+    """The quadratics at a choice, in scaled states and per dk: matrices and constants."""
+
+    P: Array
+    constants: Array
+
+
+class _Pair(NamedTuple):
+    """A move from a choice and then one of the quadratics at its head."""
+
+    u: int
+    number: int
+    quadratic: int
+
+
+class RelaxedValues:
+    """Quadratics at every choice, grown until the factor is small enough.
+
+    Parameters
+    ----------
+    decisions : Decisions
+        The choices and moves, all met, of a run that goes on for ever.
+
+    Attributes
+    ----------
+    values : dict of int to Values
+        By choice.
+    factor : float
+        The value is at most so many times the optimum, for every second moment.
+    """
+
+    def __init__(self, decisions: Decisions) -> None:
+        self.decisions, self.factor = decisions, np.inf
+        ways, scale = Continuations(decisions.graph), np.outer(decisions.scale, decisions.scale)
+        self.values: dict[int, Values] = {}
+        for u, (_, v) in enumerate(decisions.places):
+            found = [ways.value(v, number) for number in np.flatnonzero(ways.finite[:, v]).tolist()]
+            P = np.array([value.P / scale for value in found]).reshape(-1, decisions.n, decisions.n)
+            self.values[u] = Values(P, np.array([value.constant for value in found]))
+        self.size = sum(len(values.P) for values in self.values.values())
+
+    def grow(self, wanted: float, most: int, deadline: float) -> bool:
+        """Add the quadratic that is wanted most, again and again; whether it came to an end before Ctrl-C.
+
+        Parameters
+        ----------
+        wanted : float
+            The factor to reach.
+        most : int
+            The most quadratics in all.
+        deadline : float
+            When to stop, on the clock of `time.perf_counter`.
+        """
+        # A factor can only fall as quadratics are added, so the greatest of old ones is the only one to compute anew.
+        waiting = [(-np.inf, pair) for u in self.values for pair in self._pairs_from(u)]
+        heapq.heapify(waiting)
+        known: dict[_Pair, int] = {}
+        try:
+            with tqdm(desc="policy", unit="quadratic", delay=2, leave=False) as progress:
+                while waiting:
+                    factor, pair = -waiting[0][0], waiting[0][1]
+                    if known.get(pair) != len(self.values[pair.u].P):
+                        known[pair] = len(self.values[pair.u].P)
+                        heapq.heapreplace(waiting, (-self._needed(pair), pair))
+                        continue
+                    self.factor = factor * (1 + _ROUNDING)
+                    progress.set_postfix(factor=f"{self.factor:.6g}", refresh=False)
+                    if self.factor <= wanted or self.size >= most or time.perf_counter() > deadline:
+                        break
+                    heapq.heappop(waiting)
+                    for new in self._add(pair):
+                        heapq.heappush(waiting, (-np.inf, new))
+                    progress.update()
+        except KeyboardInterrupt:
+            return False
+        return True
+
+    def _pairs_from(self, u: int) -> list[_Pair]:
+        moves = self.decisions.moves(u)
+        return [_Pair(u, i, q) for i, move in enumerate(moves) for q in range(len(self.values[move.head].P))]
+
+    def _add(self, pair: _Pair) -> list[_Pair]:
+        """Take the pair itself as a quadratic; the pairs that come with it."""
+        u, (P, constant) = pair.u, self._worth(pair, 1.0)
+        values = self.values[u]
+        place = len(values.P)
+        self.values[u] = Values(np.concatenate([values.P, P[None]]), np.append(values.constants, constant))
+        self.size += 1
+        found = []
+        for tail in self.values:
+            moves = self.decisions.moves(tail)
+            found += [_Pair(tail, i, place) for i, move in enumerate(moves) if move.head == u]
+        return found
+
+    def _move(self, pair: _Pair) -> Move:
+        return self.decisions.moves(pair.u)[pair.number]
+
+    def _worth(self, pair: _Pair, factor: float) -> tuple[Array, float]:
+        """``f Q + A' P A``, and the same of the constants."""
+        move = self._move(pair)
+        values = self.values[move.head]
+        P = factor * move.Q + transform(move.A, values.P[pair.quadratic])
+        return P, float(factor * move.constant + values.constants[pair.quadratic])
+
+    def _needed(self, pair: _Pair) -> float:
+        """The least factor for which a convex combination of the quadratics is below; infinite if none is found."""
+        P, constants = self.values[pair.u]
+        move = self._move(pair)
+        head, constant = self._worth(pair, 0.0)
+        root = np.linalg.inv(np.linalg.cholesky(move.Q))  # in units where Q is the identity
+        below, above = root @ P @ root.T, root @ head @ root.T
+        single = [
+            max(1.0, float(np.linalg.eigvalsh(p - above)[-1]), _ratio(float(k) - constant, move.constant))
+            for p, k in zip(below, constants, strict=True)
+        ]
+        least = min(single)
+        if least == 1.0 or len(P) == 1:
+            return least
+        weights = _combination(below, above, constants - constant, move.constant)
+        if weights is not None:
+            mixed = np.tensordot(weights, below, 1) - above
+            margin = 1e-13 * (float(np.abs(below).max()) + float(np.abs(above).max())) * len(above)
+            factor = max(
+                float(np.linalg.eigvalsh(mixed)[-1]) + margin,
+                _ratio(float(weights @ constants) - constant, move.constant),
+            )
+            least = min(least, max(1.0, factor))
+        return least
+
+
+def _ratio(excess: float, constant: float) -> float:
+    """The least factor with which a constant makes up for an excess."""
+    if excess <= 1e-12:
+        return 1.0
+    return excess / constant if constant > 0 else np.inf
+
+
+def _combination(below: Array, above: Array, excess: Array, constant: float) -> Array | None:
+    """Weights a with the least f such that ``sum_p a_p P_p <= f I + M`` and ``a . excess <= f constant``."""
+    import clarabel
+
+    r, n, _ = below.shape
+    d = n * (n + 1) // 2
+    # variables (a, f); a >= 0, sum a = 1, and f I + M - sum a P semidefinite
+    rows = [
+        np.append(np.ones(r), 0.0)[None],
+        np.column_stack([-np.eye(r), np.zeros(r)]),
+        np.append(excess, -constant)[None],
+        np.column_stack([svec(below).T, -svec(np.eye(n))]),
+    ]
+    b = np.concatenate([[1.0], np.zeros(r), [0.0], svec(above)])
+    cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(r + 1), clarabel.PSDTriangleConeT(n)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+    matrix = sparse.csc_matrix(np.concatenate(rows))
+    try:
+        objective = np.append(np.zeros(r), 1.0)
+        quadratic = sparse.csc_matrix((r + 1, r + 1))
+        found = np.array(clarabel.DefaultSolver(quadratic, objective, matrix, b, cones, settings).solve().x)
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # a panic of the solver is no Exception
+        return None
+    weights = np.maximum(found[:r], 0.0)
+    total = weights.sum()
+    return weights / total if np.isfinite(total) and total > 0.5 and len(b) == r + 2 + d else None

@@ -1,0 +1,187 @@
+"""Certificates: written ones are accepted, false ones rejected, and the checker needs nothing else."""
+
+import copy
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from enumeration import graph_of
+from random_rules import KINDS, instances
+
+import switchctl
+from switchctl import Constant, Gaussian, ModeSet, Optimal, RecedingHorizon, Refine, Rules, schedule
+from switchctl.certificates import certify
+from switchctl.certificates.check import Rejected, Unreadable, check, digest
+from switchctl.models import five_mode
+
+CHECKER = Path(switchctl.__file__).parent / "certificates" / "check.py"
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], dt=0.1, names=["fast", "calm"])
+
+
+@pytest.fixture(scope="module")
+def x0():
+    return Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+
+
+@pytest.fixture(scope="module")
+def five():
+    return certify(schedule(five_mode.modes(), five_mode.initial_state(), Optimal(gap=1e-9)), gap=1e-9)
+
+
+def test_example_1_is_certified_to_a_billionth(five):
+    assert five.gap <= 1e-9
+    assert five.lower <= 77.773698147481 <= five.upper
+    five.check()
+
+
+def run(path):
+    return subprocess.run([sys.executable, "-I", "-S", str(CHECKER), str(path)], capture_output=True, text=True)
+
+
+def test_the_checker_runs_by_itself(five, tmp_path):
+    path = five.save(tmp_path / "claim.json")
+    result = run(path)
+    assert (result.returncode, result.stdout) == (0, "accepted\n")
+    document = json.loads(path.read_text())
+    document["claim"]["lower"] = float(five.upper * 1.0001).hex()
+    path.write_text(json.dumps(document))
+    result = run(path)
+    assert result.returncode == 1
+    assert "rejected: a run may cost less than claimed" in result.stdout
+    for text in ("{", "[]", "{}", '{"format": "switchctl certificate", "version": 1}', "\x00"):
+        path.write_text(text)
+        assert run(path).returncode == 2, text
+    assert run(tmp_path / "not there").returncode == 2
+
+
+def test_any_schedule_has_a_certificate(pair, x0):
+    for method in (Constant("fast"), RecedingHorizon(20), Refine()):
+        found = schedule(pair, x0, method)
+        certificate = certify(found, gap=0.01)
+        certificate.check()
+        assert certificate.upper == pytest.approx(found.cost, rel=1e-8)
+    assert certificate.gap <= 0.01
+
+
+def test_a_small_tree_proves_less(pair, x0):
+    found = schedule(pair, x0, Optimal(gap=1e-6))
+    small, large = certify(found, 1e-6, prefixes=5), certify(found, 1e-6)
+    for certificate in (small, large):
+        certificate.check()
+    assert len(small.document["witness"]["tree"]) <= 5
+    assert small.lower < large.lower
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_under_every_kind_of_rule(kind):
+    written = 0
+    for number, (modes, start, rules, rng) in enumerate(instances(kind, 12, 9)):
+        graph = graph_of(modes, rules)
+        if graph is None or (np.linalg.eigvalsh(modes.Q)[:, 0] < 1e-3).any():
+            continue
+        method, steps = (Optimal(gap=0.1), None) if number % 2 else (Optimal(gap=0.1, terminal=np.eye(len(start))), 6)
+        found = schedule(modes, start, method, steps, graph)
+        if found.cost == math.inf:
+            continue
+        certificate = certify(found, gap=0.1)
+        certificate.check()
+        assert certificate.lower <= found.cost <= certificate.upper * (1 + 1e-9)
+        assert certificate.upper <= found.cost * (1 + 1e-7)
+        if rules.switch_cost == 0 and rules.price is None:
+            assert certificate.gap <= 0.1 + 1e-9
+        written += 1
+    assert written >= 2
+
+
+def changed(document, rng):
+    """The document with one number, token or part of the claim changed."""
+    document = copy.deepcopy(document)
+    places = []
+
+    def walk(value, path):
+        for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
+            if isinstance(entry, dict | list):
+                walk(entry, (*path, key))
+            else:
+                places.append((*path, key))
+
+    walk(document, ())
+    *path, last = places[rng.integers(len(places))]
+    here = document
+    for key in path:
+        here = here[key]
+    old = here[last]
+    if isinstance(old, str) and old.lstrip("-").startswith("0x"):
+        value = float.fromhex(old)
+        here[last] = (value * (1 + 1e-3 * rng.choice([-1, 1])) if value else 1e-3).hex()
+    elif isinstance(old, int):
+        here[last] = old + int(rng.choice([-1, 1]))
+    elif isinstance(old, str):
+        here[last] = old + "x"
+    else:
+        here[last] = 0
+    return (*path, last), old, document
+
+
+def test_what_was_changed_so_that_it_is_false_is_rejected(five, pair, x0):
+    """Data changed without its digest, a greater lower bound, a smaller upper one, a cut tree; 600 changes in all."""
+    rng = np.random.default_rng(0)
+    ruled = certify(schedule(pair, x0, Optimal(gap=1e-4), rules=Rules(min_dwell=3, switch_cost=0.1)), gap=1e-3)
+    refused = 0
+    for certificate in (five, ruled):
+        for _ in range(300):
+            path, old, document = changed(certificate.document, rng)
+            try:
+                check(document)
+            except (Rejected, Unreadable):
+                refused += 1
+                continue
+            # What is still accepted must still be true: a witness may be changed for another one that does.
+            assert path[0] in ("witness", "claim"), path
+            if path[0] == "claim":
+                value = float.fromhex(document["claim"][path[1]])
+                assert value <= certificate.lower if path[1] == "lower" else value >= certificate.upper
+    assert refused > 300
+
+
+def test_a_claim_about_other_data_is_rejected(five):
+    """With a digest of the changed data the claim itself must fail: the modes are a little worse."""
+    document = copy.deepcopy(five.document)
+    document["data"]["A"][0][0][0] = (float.fromhex(document["data"]["A"][0][0][0]) * 1.01).hex()
+    document["sha256"] = digest(document["data"])
+    with pytest.raises(Rejected):
+        check(document)
+
+
+def test_a_singular_weight_is_refused_by_the_writer_and_the_checker(five):
+    modes = ModeSet([[[0.5, 1.0], [0.0, 0.4]], [[0.4, 0.0], [1.0, 0.5]]], Q=np.diag([1.0, 0.0]))
+    found = schedule(modes, Gaussian([1.0, 1.0], np.eye(2)), Optimal())
+    with pytest.raises(ValueError, match="positive definite stage weights"):
+        certify(found)
+    document = copy.deepcopy(five.document)
+    for Q in document["data"]["Q"]:
+        Q[1] = [(0.0).hex(), (0.0).hex()]
+        Q[0][1] = (0.0).hex()
+    document["sha256"] = digest(document["data"])
+    with pytest.raises(Rejected, match="not positive definite"):
+        check(document)
+
+
+def test_wrong_arguments(pair, x0):
+    found = schedule(pair, x0, Refine())
+    with pytest.raises(TypeError, match="must be a Schedule"):
+        certify(pair)
+    for wrong in ({"gap": 0}, {"gap": 1}, {"time_limit": 0}, {"prefixes": 0}, {"gap": math.nan}):
+        with pytest.raises(ValueError):
+            certify(found, **wrong)
+    unstable = ModeSet([[[1.1]]])
+    with pytest.raises(ValueError, match="infinite"):
+        certify(schedule(unstable, Gaussian([1.0], [[0.0]]), Constant(0), 5))
