@@ -87,7 +87,9 @@ def test_under_every_kind_of_rule(kind):
         graph = graph_of(modes, rules)
         if graph is None or (np.linalg.eigvalsh(modes.Q)[:, 0] < 1e-3).any():
             continue
-        method, steps = (Optimal(gap=0.1), None) if number % 2 else (Optimal(gap=0.1, terminal=np.eye(len(start))), 6)
+        method, steps = (
+            (Optimal(gap=0.1), None) if number % 2 else (Optimal(gap=0.1, terminal=np.eye(len(start.mean))), 6)
+        )
         found = schedule(modes, start, method, steps, graph)
         if found.cost == math.inf:
             continue

@@ -226,7 +226,8 @@ def proven_lower(problem: Problem, witness: dict[str, Any]) -> Fraction:
     if problem.terminal is None:  # then what is left of a run of finite cost vanishes
         need(all(Q.definite(strictly=True) for Q in problem.Q), "a stage weight is not positive definite")
     unit = BITS - int(dot(problem.S, identity(n, 1.0))).bit_length()
-    chosen = {whole(v) for v in witness["choices"]}
+    chosen = {int(v) for v in witness["bounds"][0]}
+    need(all({int(v) for v in given} == chosen for given in witness["bounds"]), "the bounds are at different nodes")
     bounds = [bounds_at(problem, given, max(unit, BITS)) for given in witness["bounds"]]
     guards = [number(x) for x in listed(witness["guards"])]
     need(len(guards) == len(bounds), "a guard for each bound is needed")
@@ -242,6 +243,7 @@ def proven_lower(problem: Problem, witness: dict[str, Any]) -> Fraction:
             worth = paid + dot(problem.end, S)
             least = worth if least is None else min(least, worth)
             continue
+        need(v in chosen or len(moves) == 1, "a node with several moves has no bound")
         token = next(tree, None) if v in chosen else -1
         if token is None:
             raise Rejected("the tree is cut short")

@@ -267,21 +267,22 @@ class _Writer:
         guard = 16.0 * decisions.n * float(np.linalg.norm(L, axis=(2, 3)).max())
         used = range(lower.count)
         return {
-            "choices": numbers,
             "bounds": [{str(v): exact(L[i, j]) for i, v in enumerate(numbers)} for j in used],
             "guards": [guard.hex() for _ in used],
         }
 
     def run(self) -> dict[str, Any]:
-        """The schedule, up to where its word may be repeated, and a matrix above the cost of the word."""
+        """The schedule, up to where its word returns to a node, and a matrix above the cost of the word."""
         schedule, graph = self.schedule, self.schedule.graph
         path = [*schedule.sequence.tolist(), *schedule.lead]
         if schedule.terminal is not None:
             return {"lead": path, "word": [], "tail": None}
         word, node = list(schedule.tail), int(graph.walk(path)[-1])
-        while (after := int(graph.walk(word, node)[-1])) != node:
-            path, node = path + word, after
-        value = word_value(graph, schedule.tail)
+        nodes = [node]  # after each round of the word, until one returns
+        while (node := int(graph.walk(word, node)[-1])) not in nodes:
+            nodes.append(node)
+        path, word = path + word * nodes.index(node), word * (len(nodes) - nodes.index(node))
+        value = word_value(graph, tuple(word))
         assert value is not None  # the cost is finite
         dk, before = graph.modes.dk, int(graph.last_mode[node])
         P = self.decisions.scaled_cost(value + graph.switch_cost_per_w2[before, word[0]] / dk * np.eye(len(value)))

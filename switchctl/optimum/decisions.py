@@ -127,7 +127,7 @@ class Decisions:
 
     def _goes_on(self, v: int) -> bool:
         """Whether a step from a node is taken together with the one before it."""
-        return bool(self._forced[v] and (self.steps is not None or not self._circling[v]))
+        return bool(self._forced[v] and (self.steps is not None or not (v == 0 or self._circling[v])))
 
     def chooses(self, u: int) -> bool:
         """Whether it is more than a place where a long word was cut."""
