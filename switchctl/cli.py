@@ -5,6 +5,7 @@ import io
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from switchctl import __version__
+from switchctl.certificates import certify
 from switchctl.comparison import Comparison, compare
 from switchctl.gaussian import Gaussian
 from switchctl.load_model import Model, bundled, load_model
-from switchctl.methods import FewSwitches, Method, PointwiseMinimum, RecedingHorizon, Refine, Rollout
+from switchctl.methods import FewSwitches, Method, Optimal, PointwiseMinimum, RecedingHorizon, Refine, Rollout
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
@@ -27,6 +29,7 @@ METHODS = {
     "rollout": Rollout,
     "few-switches": FewSwitches,
     "refine": Refine,
+    "optimal": Optimal,
 }
 
 
@@ -87,11 +90,13 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--horizon", type=_horizon, metavar="T", help="steps, or 'inf' (receding-horizon)")
     run.add_argument("--hold", type=int, metavar="N", help="steps between decisions (receding-horizon)")
     run.add_argument("--decrease", type=float, metavar="X", help="stability constraint, 0 to 1 (receding-horizon)")
+    run.add_argument("--gap", type=float, metavar="X", help="gap to prove, default 1e-3 (optimal)")
+    run.add_argument("--time-limit", type=float, metavar="S", help="seconds, default 60 (optimal)")
     run.add_argument(
         "--save",
         type=Path,
         metavar="DIR",
-        help="write schedule.csv, schedule.json, w2.png and area.png there",
+        help="write schedule.csv, schedule.json, w2.png and area.png there, and with optimal certificate.json",
     )
     run.set_defaults(command=_run)
 
@@ -145,9 +150,14 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     """The method asked for, with the settings asked for, on top of the model's own."""
     own = model.method
     kind = METHODS[asked.method] if asked.method else type(own)
-    settings = {
-        name: getattr(asked, name) for name in ("horizon", "hold", "decrease") if getattr(asked, name) is not None
-    }
+    settings, search = (
+        {name: getattr(asked, name) for name in names if getattr(asked, name) is not None}
+        for names in (("horizon", "hold", "decrease"), ("gap", "time_limit"))
+    )
+    if search and kind is not Optimal:
+        raise ValueError(f"--{next(iter(search)).replace('_', '-')} goes with --method optimal")
+    if kind is Optimal and not settings:
+        return replace(own, **search) if isinstance(own, Optimal) else Optimal(**search)
     if kind is FewSwitches and not settings:
         if asked.max_switches is None:
             raise ValueError("few-switches needs --max-switches N")
@@ -200,6 +210,9 @@ def _run(asked: argparse.Namespace) -> bool:
     comparison = compare(model.modes, x0, {"schedule": method}, asked.steps, _rules(asked, model))
     (schedule,) = comparison.schedules.values()
     saved = _save(asked.save, comparison, schedule) if asked.save else []
+    if asked.save and schedule.status in ("optimal", "gap reached"):
+        with suppress(ValueError):  # singular weights have no certificate
+            saved.append(certify(schedule, schedule.gap or 1e-9).save(asked.save / "certificate.json"))
     best = comparison.single_costs.min()
     if asked.json:
         print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
@@ -253,6 +266,7 @@ def _record(comparison: Comparison) -> dict[str, Any]:
                 "status": schedule.status,
                 "steps": len(schedule),
                 "cost": _finite(schedule.cost),
+                "lower_bound": schedule.lower_bound,
                 "switches": [switch._asdict() for switch in schedule.switches],
                 "lead": schedule.lead,
                 "tail": schedule.tail,

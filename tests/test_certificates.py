@@ -83,7 +83,7 @@ def test_a_small_tree_proves_less(pair, x0):
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_under_every_kind_of_rule(kind):
     written = 0
-    for number, (modes, start, rules, rng) in enumerate(instances(kind, 12, 9)):
+    for number, (modes, start, rules, _rng) in enumerate(instances(kind, 12, 9)):
         graph = graph_of(modes, rules)
         if graph is None or (np.linalg.eigvalsh(modes.Q)[:, 0] < 1e-3).any():
             continue
@@ -140,7 +140,7 @@ def test_what_was_changed_so_that_it_is_false_is_rejected(five, pair, x0):
     refused = 0
     for certificate in (five, ruled):
         for _ in range(300):
-            path, old, document = changed(certificate.document, rng)
+            path, _old, document = changed(certificate.document, rng)
             try:
                 check(document)
             except (Rejected, Unreadable):

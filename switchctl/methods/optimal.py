@@ -236,8 +236,12 @@ class _OptimalScheduler(PlanningScheduler):
 
             while True:
                 before = found.nodes
-                most = math.inf if tolerance > last[0] / _STEEP else _MANY + 8 * last[1]
+                early = refined is None and self.terminal is None
+                most = _HARD if early else math.inf if tolerance > last[0] / _STEEP else _MANY + 8 * last[1]
                 status = found.rung(tolerance, self.deadline, told, most)
+                if status == "too many" and early:
+                    refined = self._refine(found)
+                    continue
                 if status == "too many":
                     tolerance = math.sqrt(tolerance * last[0])
                     continue
@@ -249,7 +253,7 @@ class _OptimalScheduler(PlanningScheduler):
                 if status != "closed" or gap <= wanted:
                     break
                 seen = found.nodes - before
-                if seen > _HARD and self.terminal is None and found.plan != refined:
+                if refined is not None and found.plan != refined:
                     refined = self._refine(found)
                 # Moments grow as a power of 1 / tolerance: the next rung is to take about four times as many.
                 power = math.log(max(seen / last[1], 1)) / math.log(last[0] / tolerance)

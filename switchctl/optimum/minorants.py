@@ -10,6 +10,8 @@ from switchctl.gramians import transform
 from switchctl.moments import Array, svec
 
 _ROUNDS = 1000
+_WORDS = 1024
+_SEEN = 1e-9  # directions of less weight, in units of the states, count as unseen
 _NEGATIVE = 1e-3  # margins may make L a little indefinite; beyond this they grow and the bounds so far must do
 
 
@@ -41,6 +43,34 @@ def lower_bounds(A: Array, Q: Array) -> Array:
         if done:
             break
     return svec(np.stack(bounds))
+
+
+def definite_minorant(A: Array, Q: Array) -> Array | None:
+    """A positive definite matrix below what any few steps cost; None where none is found.
+
+    Parameters
+    ----------
+    A, Q : arrays, shape (m, n, n)
+        Modes and their stage weights.
+
+    Returns
+    -------
+    array, shape (n, n), or None
+        Every run costs at least ``tr(M S)``, and more steps than any number of windows cost are left with nothing.
+    """
+    each = [np.zeros_like(A[0])]
+    while len(each) * len(A) <= _WORDS:
+        each = [below(Q[i], A[i], L) for i in range(len(A)) for L in each]
+        mean = np.mean(each, axis=0)
+        if not (np.isfinite(mean).all() and (np.diag(mean) > 0).all()):
+            continue
+        mean = mean / np.outer(_scales(mean), _scales(mean))
+        if np.linalg.eigvalsh(mean)[0] > _SEEN:
+            root = np.linalg.inv(np.linalg.cholesky(mean)) / _scales(np.mean(each, axis=0))
+            least = float(np.linalg.eigvalsh(root @ np.array(each) @ root.T).min()) - _SEEN
+            if least > 0:
+                return least * np.mean(each, axis=0)
+    return None
 
 
 def below(Q: Array, A: Array, L: Array) -> Array:
