@@ -37,7 +37,7 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
         ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
         ("budget", _budget(schedule)),
         ("ends", schedule.status),
-        ("search", ", ".join(f"{name} {value:.6g}" for name, value in schedule.statistics.items())),
+        ("search", _search(schedule)),
         ("lengthened", _lengthened(schedule)),
     ]
     return [(key, value) for key, value in told if value]
@@ -79,6 +79,11 @@ def _budget(schedule: "Schedule") -> str:
         return f"{use.sum():g} of {budget.limit:g} used"
     greatest = np.convolve(use, np.ones(min(window, len(use)))).max()
     return f"at most {greatest:g} of {budget.limit:g} used in any {window} steps"
+
+
+def _search(schedule: "Schedule") -> str:
+    counts = {name: value for name, value in schedule.statistics.items() if "seconds" not in name}
+    return ", ".join(f"{name} {value:.6g}" for name, value in counts.items())
 
 
 def _lengthened(schedule: "Schedule") -> str:
