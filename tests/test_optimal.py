@@ -57,7 +57,9 @@ def test_example_1():
     assert found.sequence.tolist() == [0, 1, 4] * 6
 
 
-@pytest.mark.parametrize(("steps", "cost"), [(5, 77.769051355), (8, 77.773678292), (9, 77.773691260), (10, 77.773697505)])
+@pytest.mark.parametrize(
+    ("steps", "cost"), [(5, 77.769051355), (8, 77.773678292), (9, 77.773691260), (10, 77.773697505)]
+)
 def test_example_1_over_finite_horizons(steps, cost):
     method = Optimal(gap=1e-9, terminal=np.eye(2))
     found = schedule(five_mode.modes(), five_mode.initial_state(), method, steps)
@@ -179,7 +181,7 @@ def bounds_of(modes, start, rules=None):
 
 @pytest.mark.parametrize("rules", [None, Rules(min_dwell=4), Rules(switch_cost_per_w2=0.1, max_dwell={"calm": 7})])
 def test_every_bound_holds_on_every_move(pair, x0, rules):
-    decisions, lower, _, s = bounds_of(pair, x0, rules)
+    decisions, lower, *_ = bounds_of(pair, x0, rules)
     rng = np.random.default_rng(0)
     for _ in range(20):
         factor = rng.standard_normal((2, 2))
@@ -287,7 +289,9 @@ def test_saving_copying_and_printing(pair, x0, tmp_path):
         for again in (loaded, pickle.loads(pickle.dumps(found))):
             assert (again.cost, again.lower_bound, again.gap) == (found.cost, found.lower_bound, found.gap)
             assert again.status == found.status
-            assert np.array_equal(again.terminal, found.terminal) if found.terminal is not None else again.terminal is None
+            assert (
+                np.array_equal(again.terminal, found.terminal) if found.terminal is not None else again.terminal is None
+            )
         assert "no sequence costs less than" in repr(found)
 
 

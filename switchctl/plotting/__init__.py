@@ -5,15 +5,18 @@ All take python-control's ``ax``, ``title`` and ``legend_loc`` (False for no leg
 
 from switchctl.plotting.graphs import plot_graph
 from switchctl.plotting.maps import plot_area, plot_ellipses, plot_sweep, plot_trade_off
+from switchctl.plotting.proofs import plot_bounds, plot_tree
 from switchctl.plotting.signals import plot_schematic, plot_switching, plot_w2
 
 __all__ = [
     "plot_area",
+    "plot_bounds",
     "plot_ellipses",
     "plot_graph",
     "plot_schematic",
     "plot_sweep",
     "plot_switching",
     "plot_trade_off",
+    "plot_tree",
     "plot_w2",
 ]
