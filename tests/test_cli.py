@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 
 from switchctl import Schedule
+from switchctl.certificates.check import check
 from switchctl.cli import main
 from switchctl.models import five_mode
 
@@ -309,9 +310,22 @@ def test_rules_at_the_shell(capsys, tmp_path):
     path.write_text(PYTHON_MODEL + "def rules(): return 5\n")
     for words, told in (
         (("run", "five_mode", "--method", "few-switches"), "few-switches needs --max-switches N"),
+        (("run", "five_mode", "--method", "optimal", "--gap", "0"), "gap is 0.0; expected"),
+        (("run", "five_mode", "--method", "rollout", "--time-limit", "3"), "--time-limit goes with --method optimal"),
+        (("run", "five_mode", "--method", "optimal", "--horizon", "3"), "--horizon goes with --method receding"),
         (("run", "five_mode", "--min-dwell", "0"), "min_dwell is 0; expected at least 1"),
         (("run", "five_mode", "--method", "refine", "--horizon", "3"), "--horizon goes with --method receding-horizon"),
         (("run", str(path)), "rules() returned a int; expected a Rules"),
     ):
         code, _, err = run(capsys, *words)
         assert (code, told in err) == (2, True), err
+
+
+def test_the_optimum_at_the_shell(capsys, tmp_path):
+    code, out, _ = run(capsys, "run", "five_mode", "--method", "optimal", "--gap", "1e-6", "--save", str(tmp_path))
+    assert (code, "no sequence costs less than" in out) == (0, True)
+    assert "saved" in out
+    check(json.loads((tmp_path / "certificate.json").read_text()))
+    code, out, _ = run(capsys, "run", "five_mode", "--method", "optimal", "--json")
+    (told,) = json.loads(out)["schedules"]
+    assert 0 <= told["cost"] - told["lower_bound"] <= 1e-3 * told["cost"]

@@ -13,6 +13,7 @@ from switchctl import (
     Budget,
     Constant,
     ModeSet,
+    Optimal,
     RecedingHorizon,
     Rollout,
     Rules,
@@ -22,14 +23,17 @@ from switchctl import (
     sweep,
     trade_off,
 )
+from switchctl.certificates import certify
 from switchctl.plotting import (
     plot_area,
+    plot_bounds,
     plot_ellipses,
     plot_graph,
     plot_schematic,
     plot_sweep,
     plot_switching,
     plot_trade_off,
+    plot_tree,
     plot_w2,
 )
 from switchctl.plotting.style import COLOURS, mode_style
@@ -52,7 +56,15 @@ def pictures(modes, x0):
         plot_sweep: sweep(modes, x0, [1, 20], [1, 5]),
         plot_graph: SwitchingGraph(modes, Rules(min_dwell=2)),
         plot_trade_off: trade_off(modes, x0, values=[0, 1]),
+        plot_bounds: search_of(modes, x0)[0],
+        plot_tree: search_of(modes, x0)[1],
     }
+
+
+def search_of(modes, x0):
+    rungs = []
+    found = schedule(modes, x0, Optimal(gap=1e-4, callback=rungs.append))
+    return rungs, certify(found, 0.05)
 
 
 def test_every_picture_is_a_control_plot_and_takes_its_keywords(pair):
@@ -257,3 +269,17 @@ def test_a_trade_off_without_a_finite_cost_has_no_picture(pair):
     trade = trade_off(modes, x0, Rules(max_dwell=2), over="min_dwell", values=[3])
     with pytest.raises(ValueError, match="no setting has a schedule of finite cost"):
         trade.plot()
+
+
+def test_the_tree_has_every_prefix(pair):
+    rungs, certificate = search_of(*pair)
+    ax = plot_tree(certificate).axes[0, 0]
+    *_, ends = ax.get_lines()
+    tree = certificate.document["witness"]["tree"]
+    assert len(ends.get_xdata()) == sum(token >= 0 for token in tree)
+    with pytest.raises(TypeError, match="plot_tree draws a Certificate"):
+        plot_tree(rungs)
+    with pytest.raises(TypeError, match="a list of Rung"):
+        plot_bounds([])
+    found, proven = plot_bounds(rungs).axes[0, 0].get_lines()
+    assert found.get_ydata()[-1] == proven.get_ydata()[-1] == pytest.approx(rungs[-1].gap)

@@ -168,6 +168,12 @@ class Optimal(Method):
         values = RelaxedValues(decisions)
         if any(len(known.P) == 0 for known in values.values.values()):
             raise ValueError("a policy starts from ways on of finite cost, and at some node of the graph none is known")
+        for u, known in values.values.items():
+            if known.constants.min() > 0 and decisions.constant_ahead(u) == 0:
+                raise ValueError(
+                    "at some node a run may go on for ever and pay no more for switches or in prices, but only by "
+                    "switching for ever; a policy starts from modes that are held"
+                )
         values.grow(1 / (1 - self.gap), quadratics, time.perf_counter() + self.time_limit)
         tables = {}
         for u, (_, node) in enumerate(decisions.places):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from control import ControlPlot
 from matplotlib.lines import Line2D
@@ -19,14 +18,17 @@ _PREFIXES = 2000
 def plot_bounds(
     rungs: Sequence[Rung], *, ax: Any = None, title: str | None = None, legend_loc: Legend = None
 ) -> ControlPlot:
-    """Draw how the least cost found and the proven lower bound close in on each other, and the gap between them.
+    """Draw how the least cost found and the proven lower bound close in on each other over the time of a search.
+
+    Both as fractions of the last cost: how far the cost found is above the last bound, and the bound below the last
+    cost.
 
     Parameters
     ----------
     rungs : sequence of Rung
         What `Optimal` told its callback.
-    ax : two matplotlib axes, optional
-        Where to draw costs and gap; those of a new figure by default.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure by default.
     title : str, optional
         Title; none by default.
     legend_loc : str or False, optional
@@ -38,36 +40,27 @@ def plot_bounds(
 
     Raises
     ------
-    ValueError
-        If there is no rung, or there are not two axes.
+    TypeError
+        If rungs are not what the callback was told, one at least.
     """
+    rungs = list(rungs) if isinstance(rungs, Sequence) else [rungs]
     if not rungs or not all(isinstance(rung, Rung) for rung in rungs):
-        raise ValueError("rungs must be what Optimal(callback=rungs.append) collects, one Rung at least")
-    if ax is None:
-        ax = plt.subplots(2, 1, sharex=True, figsize=(6.4, 5.0), layout="constrained")[1]
-    axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
-    if len(axes) != 2:
-        raise ValueError(f"ax must be two matplotlib axes, one for costs and one for the gap; got {ax!r}")
-    costs, gaps = axes
+        raise TypeError("plot_bounds draws a list of Rung, one at least: what Optimal(callback=rungs.append) collects")
+    ax, last = one_axes(ax), rungs[-1]
     seconds = [rung.seconds for rung in rungs]
-    style = {"where": "post", "marker": "o", "markersize": 4}
-    lines = [
-        costs.step(seconds, [rung.cost for rung in rungs], color=COLOURS[3], label="least cost found", **style)[0],
-        costs.step(seconds, [rung.lower_bound for rung in rungs], color=COLOURS[0], label="proven bound", **style)[0],
-    ]
-    costs.set_ylabel("cost")
-    gaps.step(seconds, [max(rung.gap, 1e-16) for rung in rungs], color="black", **style)
-    gaps.set(xlabel="time of the search (s)", ylabel="gap", yscale="log")
+    lines = []
+    for label, colour, distances in (
+        ("least cost found, above the last bound", COLOURS[3], [rung.cost - last.lower_bound for rung in rungs]),
+        ("proven bound, below the last cost", COLOURS[0], [last.cost - rung.lower_bound for rung in rungs]),
+    ):
+        shown = np.maximum(np.array(distances) / last.cost, 1e-16)
+        lines += ax.step(seconds, shown, color=colour, label=label, where="post", marker="o", markersize=4)
+    ax.set(xlabel="time of the search (s)", ylabel="fraction of the cost", yscale="log")
     if seconds[-1] > 10 * seconds[0]:
-        gaps.set_xscale("log")
-    gaps.text(0.02, 0.06, f"{rungs[-1].nodes:,} moments seen", transform=gaps.transAxes)
-    if legend_loc is not False:
-        costs.legend(loc=legend_loc or "best")
-    if title:
-        costs.set_title(title)
-    for axis in axes:
-        axis.grid(True, alpha=0.3)
-    return ControlPlot(np.array([lines], dtype=object), np.array(axes, dtype=object), costs.figure)
+        ax.set_xscale("log")
+    ax.grid(True, alpha=0.3)
+    ax.text(0.02, 0.04, f"{last.nodes:,} moments seen", transform=ax.transAxes, fontsize="small")
+    return finish(ax, lines, title or "", legend_place(legend_loc, "best"))
 
 
 def plot_tree(
