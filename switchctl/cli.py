@@ -5,7 +5,6 @@ import io
 import json
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -211,8 +210,7 @@ def _run(asked: argparse.Namespace) -> bool:
     (schedule,) = comparison.schedules.values()
     saved = _save(asked.save, comparison, schedule) if asked.save else []
     if asked.save and schedule.status in ("optimal", "gap reached"):
-        with suppress(ValueError):  # singular weights have no certificate
-            saved.append(certify(schedule, schedule.gap or 1e-9).save(asked.save / "certificate.json"))
+        saved += _certified(schedule, asked.save / "certificate.json")
     best = comparison.single_costs.min()
     if asked.json:
         print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
@@ -224,6 +222,16 @@ def _run(asked: argparse.Namespace) -> bool:
     for path in saved:
         print(f"saved {path}")
     return _whole(comparison)
+
+
+def _certified(schedule: Schedule, path: Path) -> list[Path]:
+    """Write a certificate, or say on stderr why there is none; an older one does not stay."""
+    path.unlink(missing_ok=True)
+    try:
+        return [certify(schedule, schedule.gap or 1e-9).save(path)]
+    except ValueError as error:
+        print(f"switchctl: no certificate: {error}", file=sys.stderr)
+        return []
 
 
 def _compare(asked: argparse.Namespace) -> bool:

@@ -99,7 +99,19 @@ class Comparison:
         result = schedule(self.modes, self.x0, Constant(mode), self.steps, graph)
         return float(result.w2.max()), len(result.switches)
 
+    @property
+    def _proven(self) -> bool:
+        return any(schedule.lower_bound is not None for schedule in self.schedules.values())
+
+    def _heading(self) -> list[str]:
+        return [*_HEADER, "gap"] if self._proven else list(_HEADER)
+
     def _cells(self) -> list[list[str]]:
+        gaps = {label: schedule.gap for label, schedule in self.schedules.items()}
+        told = ["" if gap is None else f"{gap:.1e}" for gap in (gaps.get(row["label"]) for row in self.rows())]
+        return [cells + [gap] * self._proven for cells, gap in zip(self._plain_cells(), told, strict=True)]
+
+    def _plain_cells(self) -> list[list[str]]:
         return [
             [
                 row["label"],
@@ -113,10 +125,10 @@ class Comparison:
         ]
 
     def __repr__(self) -> str:
-        return text_table(_HEADER, self._cells())
+        return text_table(self._heading(), self._cells())
 
     def _repr_html_(self) -> str:
-        return html_table(_HEADER, self._cells(), f"Comparison over {self.steps} steps and the tail after them")
+        return html_table(self._heading(), self._cells(), f"Comparison over {self.steps} steps and the tail after them")
 
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw W2 of every single mode and of the schedules; see `switchctl.plotting.plot_w2` for the keywords.
@@ -196,6 +208,8 @@ def compare(
     for label in labelled:
         if not isinstance(label, str):
             raise TypeError(f"methods is labelled with {label!r}; labels are strings")
+        if getattr(labelled[label], "terminal", None) is not None:
+            raise ValueError(f"{label!r} is for a run that ends (terminal), and costs are compared here for ever")
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
     graph = graph_under(modes, rules)

@@ -348,6 +348,8 @@ class Schedule:
         try:
             schedule = cls(*read_schedule(document))
             stored = document["cost"]
+            if schedule.lower_bound is not None and schedule.lower_bound > schedule.cost * (1 + 1e-9):
+                raise ValueError(f"its lower bound {schedule.lower_bound} is above its cost {schedule.cost}")
             if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
                 raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
         except (LookupError, TypeError, ValueError, ArithmeticError) as error:

@@ -1,5 +1,6 @@
 """The optimum: published and independent numbers, honest statuses, faults, and the policy's guarantee."""
 
+import json
 import math
 import pickle
 import time
@@ -14,6 +15,7 @@ from scipy.linalg import expm, orth
 
 from switchctl import (
     Constant,
+    FormatError,
     Gaussian,
     ModeSet,
     Optimal,
@@ -22,6 +24,7 @@ from switchctl import (
     Rules,
     Schedule,
     SwitchingGraph,
+    compare,
     schedule,
 )
 from switchctl.models import five_mode, medium_access, quadrotor, servo
@@ -368,3 +371,30 @@ def test_a_rung_stops_where_it_is_told_to(pair, x0):
     assert proven >= 0.5 * 14.4422
     assert search.rung(1e-7, math.inf, most=1) == "too many"
     assert search.bound >= proven
+
+
+def test_a_long_finite_horizon_is_as_good_as_the_beginning_of_the_endless_run(pair, x0):
+    endless = schedule(pair, x0, Optimal(gap=1e-6))
+    cut = Schedule(pair, x0, endless.sequence[:100], terminal=np.eye(2))
+    assert schedule(pair, x0, Optimal(gap=1e-3, terminal=np.eye(2)), 100).cost <= cut.cost * (1 + 1e-12)
+
+
+def test_what_costs_infinitely_much_by_the_rules_is_said(pair, x0):
+    with pytest.raises(ValueError, match="at finite cost"):
+        schedule(pair, x0, Optimal(), rules=Rules(max_dwell=6, switch_cost=0.1))
+
+
+def test_a_run_that_ends_is_not_compared_with_runs_for_ever(pair, x0):
+    with pytest.raises(ValueError, match="for a run that ends"):
+        compare(pair, x0, {"best": Optimal(terminal=np.eye(2)), "refined": Refine()}, 10)
+    table = repr(compare(pair, x0, {"best": Optimal(gap=1e-2), "refined": Refine()}))
+    assert table.splitlines()[0].split()[-1] == "gap"
+
+
+def test_a_file_whose_bound_is_above_its_cost_is_refused(pair, x0, tmp_path):
+    path = schedule(pair, x0, Optimal()).save(tmp_path / "schedule.json")
+    document = json.loads(path.read_text())
+    document["lower_bound"] = 1.1 * document["cost"]
+    path.write_text(json.dumps(document))
+    with pytest.raises(FormatError, match="above its cost"):
+        Schedule.load(path)

@@ -60,7 +60,12 @@ def check_endless(modes, x0, rules, steps, rng):
     if graph is None:
         return 0
     gap = rng.choice([0.1, 1e-2, 1e-5])
-    result = schedule(modes, x0, Optimal(gap=gap, time_limit=20), rules=graph)
+    try:
+        result = schedule(modes, x0, Optimal(gap=gap, time_limit=20), rules=graph)
+    except ValueError as error:
+        assert "none was found" in str(error)
+        assert enumerated(modes, x0, rules, 2, 8) == math.inf
+        return 0
     first = min(true_cost(modes, x0, rules, run) for run in every_run(modes, rules, graph, steps))
     known = enumerated(modes, x0, rules, 2, 8)
     if result.cost == math.inf:

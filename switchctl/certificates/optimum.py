@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.certificates import check
-from switchctl.files import write_text
+from switchctl.files import FormatError, read_document, write_text
 from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.lower import LowerBounds
@@ -61,6 +61,32 @@ class Certificate:
         """``1 - lower / upper``."""
         return 1 - self.lower / self.upper if self.upper > 0 else 0.0
 
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Certificate":
+        """Read what `save` wrote; `check` decides it.
+
+        Parameters
+        ----------
+        path : path-like
+            The file to read.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        FormatError
+            If the file is no certificate.
+        """
+        document = read_document(path, "certificate", check.VERSION)
+        try:
+            certificate = cls(document)
+            repr(certificate)
+        except (LookupError, TypeError, ValueError) as error:
+            raise FormatError(f"{path} is a damaged certificate: {error}") from None
+        return certificate
+
     def check(self) -> None:
         """Decide the claim in exact arithmetic, as ``check.py`` does.
 
@@ -102,8 +128,7 @@ def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time
     Parameters
     ----------
     schedule : Schedule
-        The schedule, of finite cost. The stage weights must be positive definite, unless the run ends (a terminal
-        weight).
+        The schedule, of finite cost. The stage weights must be positive definite.
     gap : float, optional
         The gap to prove, as a fraction of the cost.
     prefixes : int, optional

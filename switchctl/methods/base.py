@@ -251,6 +251,13 @@ class Scheduler(ABC):
         return mode
 
 
+class _Shape(tuple[int, ...]):
+    """An array as the record of a method tells it."""
+
+    def __repr__(self) -> str:
+        return f"<{' by '.join(map(str, self))}>"
+
+
 class Method(ABC):
     """A way to schedule: settings, fixed once made. Methods are interchangeable in `schedule` and `compare`."""
 
@@ -270,10 +277,12 @@ class Method(ABC):
 
     def __repr__(self) -> str:
         """Name the settings that differ from their defaults."""
-        defaults: dict[str, Any] = {field.name: field.default for field in fields(self)} if is_dataclass(self) else {}
+        defaults: dict[str, Any] = (
+            {field.name: field.default for field in fields(self) if field.repr} if is_dataclass(self) else {}
+        )
         values = {name: getattr(self, name) for name in defaults}
-        values = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
-        changed = {name: value for name, value in values.items() if value != defaults[name]}
+        changed = {n: v for n, v in values.items() if isinstance(v, np.ndarray) or v != defaults[n]}
+        changed = {n: _Shape(v.shape) if isinstance(v, np.ndarray) else v for n, v in changed.items()}
         told = [f"{name}={getattr(value, '__qualname__', repr(value))}" for name, value in changed.items()]
         return f"{type(self).__name__}({', '.join(told)})"
 

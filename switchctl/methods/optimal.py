@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +12,11 @@ from tqdm import tqdm
 from switchctl.continuation import Plan, shortest, wander
 from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph, graph_under
-from switchctl.methods.base import TIE, Method, Scheduler
+from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
 from switchctl.methods.planning import PlanningScheduler
 from switchctl.methods.policy import Policy
 from switchctl.methods.prediction import CEILING, CONVERGED, INTERRUPTED
-from switchctl.methods.refine import LocalSearch
+from switchctl.methods.refine import LocalSearch, Refine
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions
@@ -67,7 +67,8 @@ class Optimal(Method):
 
     It plans at its first sample, and doesn't look at later ones. The schedule has its proven ``lower_bound`` and
     ``gap``; its ``status`` is "optimal" (the gap is at most 1e-9), "gap reached", "time limit", "memory limit",
-    "interrupted" or "no stabilising sequence found".
+    "interrupted" or "no stabilising sequence found". With ``steps`` and no terminal weight the schedule lists the first
+    steps of a run for ever.
 
     Parameters
     ----------
@@ -94,13 +95,20 @@ class Optimal(Method):
     >>> best = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Optimal(gap=1e-6))
     >>> print(best.status, best.switches, round(best.cost, 4), round(best.lower_bound, 4))
     gap reached (Switch(step=12, before=1, after=0),) 14.4423 14.4422
+
+    Five steps, with W2 after the last one counted too:
+
+    >>> x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+    >>> short = schedule(modes, x0, Optimal(gap=1e-6, terminal=np.eye(2)), steps=5)
+    >>> short.sequence.tolist(), round(short.cost, 4)
+    ([1, 1, 1, 1, 1], 8.0297)
     """
 
     gap: float = 1e-3
     time_limit: float = 60.0
     terminal: Any = None
     memory_limit: float = 2e9
-    callback: Callable[[Rung], None] | None = None
+    callback: Callable[[Rung], None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, reason in (
@@ -114,9 +122,11 @@ class Optimal(Method):
                 raise ValueError(f"{name} is {value!r}; expected a number {bounds}, {reason}")
             object.__setattr__(self, name, value)
         if self.terminal is not None:
-            M = real_array(self.terminal, "terminal", (None, None))
-            if M.shape[0] != M.shape[1]:
-                raise ValueError(f"terminal has shape {M.shape}; expected a square matrix, one row a state")
+            M = real_array(self.terminal, "terminal")
+            if M.ndim != 2 or M.shape[0] != M.shape[1]:
+                raise ValueError(
+                    f"terminal has shape {M.shape}; expected a square matrix, one row a state, as np.eye(n)"
+                )
             object.__setattr__(self, "terminal", frozen(positive_semidefinite(M, "terminal")))
         if self.callback is not None and not callable(self.callback):
             raise TypeError(f"callback must be callable, not {self.callback!r}")
@@ -197,7 +207,10 @@ class _OptimalScheduler(PlanningScheduler):
 
     def search(self, S: Array) -> Plan:
         if self.terminal is not None and self.steps is None:
-            raise ValueError("a terminal weight needs the number of steps: schedule(.., steps=N)")
+            raise ValueError(
+                "Optimal(terminal=..) is for a run of known length, schedule(modes, x0, method, steps=N); online and "
+                "as the base of another method it has none"
+            )
         if not np.any(S):
             self.lower_bound, self.status = 0.0, "optimal"
             return self._any(S)
@@ -208,6 +221,10 @@ class _OptimalScheduler(PlanningScheduler):
         terminal = None if self.terminal is None else decisions.scaled_cost(self.terminal)
         upper = UpperBounds(decisions, terminal)
         if not upper.ends(0).keys and not upper.look_further():
+            if self.graph.price.any() or self.graph.switch_cost.any():
+                raise InfiniteCostError(
+                    f"Optimal needs a way to go on at finite cost, and under {self.graph.rules!r} none was found"
+                )
             self.lower_bound, self.status = 0.0, NOT_STABILISED
             return self._any(S)
         s = decisions.scaled(S)
@@ -242,7 +259,7 @@ class _OptimalScheduler(PlanningScheduler):
 
             while True:
                 before = found.nodes
-                early = refined is None and self.terminal is None
+                early = refined is None
                 most = _HARD if early else math.inf if tolerance > last[0] / _STEEP else _MANY + 8 * last[1]
                 status = found.rung(tolerance, self.deadline, told, most)
                 if status == "too many" and early:
@@ -266,24 +283,34 @@ class _OptimalScheduler(PlanningScheduler):
                 factor = 16.0 if seen < 3000 else 4 ** (1 / max(power, 0.3))
                 last = tolerance, seen
                 tolerance = max(tolerance / max(factor, _SLOWEST), wanted * (1 - 1e-3))
-        if gap <= wanted:
-            status = "optimal" if gap <= OPTIMAL else "gap reached"
-        self.status = status
+        self.status = "optimal" if gap <= OPTIMAL else "gap reached" if gap <= wanted else status
         return rungs
 
     def _refine(self, found: Search) -> Plan:
-        """Improve the best sequence found by local search."""
+        """Improve the best sequence found by local search; of a run that ends, also the beginning of one for ever."""
         begun = time.perf_counter()
         assert found.plan is not None
-        lead, word = found.plan
-        repeated = -(-max(self._length(lead, word) - len(lead), 1) // len(word))
-        local = LocalSearch(self.graph, self.S, lead + word * repeated, word)
-        local.improve(self.deadline)
-        path, word = shortest(tuple(local.run.path.tolist()), word)
-        if local.run.total < found.cost * (1 - TIE):
-            found.cost, found.plan = local.run.total, (path, word)
+        starts = [found.plan] if self.terminal is None else [found.plan, *self._beginnings()]
+        for lead, word in starts:
+            repeated = -(-max(self._length(lead, word) - len(lead), 1) // len(word)) if word else 0
+            local = LocalSearch(self.graph, self.S, lead + word * repeated, word, self.terminal)
+            local.improve(self.deadline)
+            path = tuple(local.run.path.tolist())
+            if local.run.total < found.cost * (1 - TIE):
+                found.cost, found.plan = local.run.total, shortest(path, word) if word else (path, ())
         self.seconds["refine"] += time.perf_counter() - begun
         return found.plan
+
+    def _beginnings(self) -> list[Plan]:
+        """The first steps of a refined run for ever, where there is one of finite cost."""
+        try:
+            refined = Refine().start(self.graph)
+            assert isinstance(refined, PlanningScheduler)
+            lead, word = refined.search(self.S)
+        except ValueError:
+            return []
+        assert self.steps is not None
+        return [(tuple([*lead, *word * self.steps][: self.steps]), ())]
 
     def _length(self, lead: tuple[int, ...], word: tuple[int, ...]) -> int:
         """The steps after which next to nothing is left."""

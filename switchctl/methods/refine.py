@@ -121,6 +121,8 @@ class LocalSearch(StepCosts):
         The second moment at the start.
     path, word : tuples of int
         The schedule: the modes taken once, one at least, and those repeated for ever after.
+    terminal : array, shape (n, n), optional
+        For a run that ends with the path, where there is no word: the weight of the state there. Only sweeps are made.
 
     Attributes
     ----------
@@ -137,12 +139,20 @@ class LocalSearch(StepCosts):
         If the schedule costs infinitely much.
     """
 
-    def __init__(self, graph: SwitchingGraph, S: Array, path: tuple[int, ...], word: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        graph: SwitchingGraph,
+        S: Array,
+        path: tuple[int, ...],
+        word: tuple[int, ...],
+        terminal: Array | None = None,
+    ) -> None:
         super().__init__(graph)
         self.graph, self.S, self.word = graph, S, word
         least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
         self.lengths = sorted({*_BLOCKS, *least})
-        P = word_value(graph, word)
+        self.ends = terminal is not None
+        P = word_value(graph, word) if terminal is None else terminal
         if P is None:
             raise InfiniteCostError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
@@ -171,6 +181,8 @@ class LocalSearch(StepCosts):
                 while failed < 2 and progress.n < _ROUNDS:
                     if time.perf_counter() > deadline:
                         return False
+                    if not sweeping and self.ends:
+                        break
                     found, gain = self._run(self._sweep(run, rest) if sweeping else self._move(run, rest)), 0.0
                     if found.total < run.total - TIE * abs(run.total):
                         self.sweeps, self.moves = self.sweeps + sweeping, self.moves + (not sweeping)
@@ -192,16 +204,16 @@ class LocalSearch(StepCosts):
             s = moments[k]
             costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + self.switch(before, mode, s)
             moments[k + 1], before = self.maps[mode] @ s, mode
-        end = self.switch(path[-1], self.word[0], moments[-1]) + self.word_P @ moments[-1]
+        end = self.word_P @ moments[-1] + (0.0 if self.ends else self.switch(path[-1], self.word[0], moments[-1]))
         return _Run(path, moments, costs, float(costs[-1] + end))
 
     def _suffixes(self, path: NDArray[np.intp]) -> _Suffixes:
         """The backward pass."""
         graph, N = self.graph, len(path)
-        modes = np.append(path, self.word[0])
+        modes = np.append(path, path[-1] if self.ends else self.word[0])
         P, constants = np.empty((N + 1, len(self.identity))), np.zeros(N + 1)
         follows = np.empty((N + 1, len(graph)), dtype=bool)
-        P[N], follows[N] = self.word_P, lasting(graph, self.word)
+        P[N], follows[N] = self.word_P, True if self.ends else lasting(graph, self.word)
         for t in range(N - 1, -1, -1):
             mode, after = modes[t], modes[t + 1]
             P[t] = self.stages[mode] + (P[t + 1] + self.by_w2[mode, after] * self.identity) @ self.maps[mode]

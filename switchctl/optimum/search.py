@@ -99,7 +99,7 @@ class Search:
         """
         root = Stack(len(self.s))
         root.push(self.s[None], np.full(1, -self._begun), np.zeros(1, dtype=np.int64))
-        stacks, tree, most = {0: root}, Tree(), self.nodes + most
+        stacks, tree, most, crowded_tree = {0: root}, Tree(), self.nodes + most, _TREE
         while True:
             u = max(stacks, key=lambda v: stacks[v].count)
             if stacks[u].count == 0:
@@ -113,9 +113,10 @@ class Search:
                 return "too many"
             crowded = held > self.memory / 4  # then fewer at once: depth first grows less
             chunk = stacks[u].pop(CHUNK // 32 if crowded else CHUNK)
-            if tree.count > _TREE:
+            if tree.count > crowded_tree:
                 stacks[u].push(*chunk)
                 tree.keep(list(stacks.values()))
+                crowded_tree = max(_TREE, 2 * tree.count)
                 chunk = stacks[u].pop(len(chunk[0]))
             self._expand(u, chunk, stacks, tree, tolerance)
             told()
