@@ -198,3 +198,22 @@ def test_saving_and_loading(five, tmp_path):
     path.write_text("{}")
     with pytest.raises(FormatError):
         Certificate.load(path)
+
+
+def test_forgeries(five, tmp_path):
+    """A key that comes twice, decimals, a run that need not end, nesting without end."""
+    path = tmp_path / "claim.json"
+    text = json.dumps(five.document)
+    path.write_text(text.replace('"claim": {', '"claim": {}, "claim": {', 1))
+    assert run(path).returncode == 2
+    document = copy.deepcopy(five.document)
+    document["claim"]["upper"] = "78"
+    with pytest.raises(Unreadable):
+        check(document)
+    document = copy.deepcopy(five.document)
+    document["data"]["terminal"] = document["data"]["Q"][0]
+    document["sha256"] = digest(document["data"])
+    with pytest.raises(Rejected, match="never end"):
+        check(document)
+    path.write_text("[" * 100_000)
+    assert run(path).returncode == 2

@@ -4,6 +4,7 @@ import json
 import math
 import pickle
 import time
+from itertools import product
 
 import clarabel
 import numpy as np
@@ -398,3 +399,37 @@ def test_a_file_whose_bound_is_above_its_cost_is_refused(pair, x0, tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(FormatError, match="above its cost"):
         Schedule.load(path)
+
+
+def test_rounding_that_hides_the_cost_is_no_proof():
+    """A great state that costs nothing: products of moments lose the others, and the bound must not claim them."""
+    A = [[[0.3, 0.3, 0], [0.9, 0.7, 0], [0, 0, 0.1]], [[-1.6, 0.9, 0], [-1.2, 0.4, 0], [0, 0, 1.0]]]
+    Q = np.diag([1.0, 1.0, 0.0])
+    start = Gaussian([0.0, -0.3, 3e6], np.zeros((3, 3)))
+    found = schedule(ModeSet(A, Q=Q), start, Optimal(terminal=Q), 3)
+    costs = []
+    for run in product(range(2), repeat=3):
+        x, cost = start.mean, 0.0
+        for mode in run:
+            x, cost = np.array(A[mode]) @ x, cost + x @ Q @ x
+        costs.append(cost + x @ Q @ x)
+    assert found.lower_bound <= min(costs)
+    assert found.status == "precision limit"
+
+
+def test_a_price_is_paid_by_a_state_at_rest(pair):
+    rules = Rules(price=[1.0, 0.0], start=("fast", 1), switch_cost=0.5)
+    found = schedule(pair, Gaussian([0.0, 0.0], np.zeros((2, 2))), Optimal(terminal=np.eye(2), gap=1e-3), 5, rules)
+    assert found.sequence.tolist() == [1] * 5
+    assert found.cost == pytest.approx(0.5)
+    assert found.gap <= 1e-3
+
+
+def test_the_policy_knows_no_units():
+    def factor_of(unit):
+        modes = ModeSet([[[0.56]], [[0.36]], [[0.74]]], Q=np.array([[[0.1]], [[1.0]], [[0.02]]]))
+        price = [0.18 * unit**2, 0.4 * unit**2, 0.21 * unit**2]
+        rules = Rules(switch_cost=0.3 * unit**2, price=price, min_dwell=3, start=(2, 1))
+        return Optimal(gap=0.05).policy(modes, rules, quadratics=10).factor
+
+    assert factor_of(1e-8) == pytest.approx(factor_of(1.0), rel=1e-6)

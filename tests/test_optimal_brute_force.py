@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from enumeration import enumerated, graph_of, run_of
-from random_rules import KINDS, instances, seconds
+from random_rules import KINDS, instances
 from rule_checker import true_cost, violations
 
 from switchctl import Optimal, schedule
@@ -104,13 +104,13 @@ def test_for_ever(kind):
 
 @pytest.mark.slow
 @each_kind
-def test_finite_horizons_500(kind):
-    for modes, x0, rules, rng in instances(kind, 500 if kind is not seconds else 150, 7, pool=25):
+def test_many_finite_horizons(kind):
+    for modes, x0, rules, rng in instances(kind, 150, 7, pool=25):
         check_finite(modes, x0, rules, 7 if len(modes) == 2 else 5, rng)
 
 
 @pytest.mark.slow
 @each_kind
-def test_for_ever_many(kind):
-    for modes, x0, rules, rng in instances(kind, 100, 8, pool=25):
+def test_many_for_ever(kind):
+    for modes, x0, rules, rng in instances(kind, 40, 8, pool=25):
         check_endless(modes, x0, rules, 5 if len(modes) == 2 else 4, rng)

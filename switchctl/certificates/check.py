@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 VERSION = 1
+LARGEST = 10_000  # bits
 BITS = 160  # of a moment below the size of the first one
 
 
@@ -114,7 +115,7 @@ def identity(n: int, factor: float) -> Matrix:
 
 def number(text: Any) -> float:
     """Read a hexadecimal number."""
-    if not isinstance(text, str):
+    if not isinstance(text, str) or not text.lstrip("+-").startswith("0x"):
         raise Unreadable(f"{text!r} stands where a hexadecimal number should")
     try:
         value = float.fromhex(text)
@@ -166,6 +167,7 @@ class Problem:
             need(all(0 <= mode < m and 0 <= head < len(self.moves) for mode, head in moves), "a move leads nowhere")
             need(len({mode for mode, _ in moves}) == len(moves), "a mode is offered twice")
         if self.terminal is not None:
+            need(all(head > v for v, moves in enumerate(self.moves) for _, head in moves), "a run may never end")
             need(self.terminal.symmetric() and self.terminal.definite(), "the terminal weight is indefinite")
         else:
             need(all(self.moves), "a run that goes on for ever comes to an end")
@@ -256,6 +258,7 @@ def proven_lower(problem: Problem, witness: dict[str, Any]) -> Fraction:
             weight, constant = problem.step(v, mode)
             A = problem.A[mode]
             after = (A @ S @ A.transposed()).rounded(unit)
+            need(abs(after.rows[0][0]).bit_length() < LARGEST, "a moment grows beyond all use")
             stack.append((head, after, paid + dot(weight, S) + constant, rounds + 1))
     need(next(tree, None) is None, "the tree goes on after its end")
     assert least is not None
@@ -316,6 +319,13 @@ def check(document: dict[str, Any]) -> None:
         raise Unreadable(f"not a certificate: {type(error).__name__} {error}") from None
 
 
+def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of a JSON file, no key of which may come twice."""
+    if len(dict(pairs)) < len(pairs):
+        raise Unreadable("a key comes twice")
+    return dict(pairs)
+
+
 def main(arguments: list[str]) -> int:
     """Decide the file named."""
     if len(arguments) != 1:
@@ -323,11 +333,11 @@ def main(arguments: list[str]) -> int:
         return 2
     try:
         with open(arguments[0], encoding="utf-8") as file:
-            check(json.load(file))
+            check(json.load(file, object_pairs_hook=once))
     except Rejected as error:
         print(f"rejected: {error}")
         return 1
-    except (Unreadable, OSError, ValueError) as error:
+    except (Unreadable, OSError, ValueError, RecursionError, MemoryError) as error:
         print(f"unreadable: {error}")
         return 2
     print("accepted")

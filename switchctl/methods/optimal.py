@@ -67,8 +67,8 @@ class Optimal(Method):
 
     It plans at its first sample, and doesn't look at later ones. The schedule has its proven ``lower_bound`` and
     ``gap``; its ``status`` is "optimal" (the gap is at most 1e-9), "gap reached", "time limit", "memory limit",
-    "interrupted" or "no stabilising sequence found". With ``steps`` and no terminal weight the schedule lists the first
-    steps of a run for ever.
+    "precision limit" (rounding hides the rest), "interrupted" or "no stabilising sequence found". With ``steps`` and no
+    terminal weight the schedule lists the first steps of a run for ever.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Optimal(Method):
     >>> x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
     >>> short = schedule(modes, x0, Optimal(gap=1e-6, terminal=np.eye(2)), steps=5)
     >>> short.sequence.tolist(), round(short.cost, 4)
-    ([1, 1, 1, 1, 1], 8.0297)
+    ([1, 1, 1, 1, 1], 7.8449)
     """
 
     gap: float = 1e-3
@@ -211,7 +211,7 @@ class _OptimalScheduler(PlanningScheduler):
                 "Optimal(terminal=..) is for a run of known length, schedule(modes, x0, method, steps=N); online and "
                 "as the base of another method it has none"
             )
-        if not np.any(S):
+        if not (np.any(S) or self.graph.price.any() or self.graph.switch_cost.any()):
             self.lower_bound, self.status = 0.0, "optimal"
             return self._any(S)
         begun = time.perf_counter()
@@ -253,7 +253,7 @@ class _OptimalScheduler(PlanningScheduler):
         with tqdm(desc="optimum", unit="moment", unit_scale=True, delay=2, leave=False) as progress:
 
             def told() -> None:
-                gap = 1 - found.bound / found.cost
+                gap = _gap(found)
                 progress.set_postfix(gap=f"{gap:.1e}", cost=f"{dk * found.cost:.8g}", refresh=False)
                 progress.update(found.nodes - progress.n)
 
@@ -269,12 +269,12 @@ class _OptimalScheduler(PlanningScheduler):
                     tolerance = math.sqrt(tolerance * last[0])
                     continue
                 rungs += status == "closed"
-                gap = 1 - found.bound / found.cost
+                gap = _gap(found)
                 if self.settings.callback is not None:
                     spent = time.perf_counter() - begun
                     self.settings.callback(Rung(tolerance, dk * found.cost, dk * found.bound, gap, found.nodes, spent))
-                if status != "closed" or gap <= wanted:
-                    break
+                if status != "closed" or gap <= wanted or tolerance <= wanted:
+                    break  # beyond the tolerance wanted, only rounding is between the bounds
                 seen = found.nodes - before
                 if refined is not None and found.plan != refined:
                     refined = self._refine(found)
@@ -283,7 +283,8 @@ class _OptimalScheduler(PlanningScheduler):
                 factor = 16.0 if seen < 3000 else 4 ** (1 / max(power, 0.3))
                 last = tolerance, seen
                 tolerance = max(tolerance / max(factor, _SLOWEST), wanted * (1 - 1e-3))
-        self.status = "optimal" if gap <= OPTIMAL else "gap reached" if gap <= wanted else status
+        short = "precision limit" if status == "closed" else status
+        self.status = "optimal" if gap <= OPTIMAL else "gap reached" if gap <= wanted else short
         return rungs
 
     def _refine(self, found: Search) -> Plan:
@@ -327,3 +328,7 @@ class _OptimalScheduler(PlanningScheduler):
             lead, word = wander(self.graph, 0)
             return tuple((lead + word * (self.steps or 1))[: self.steps]), ()
         return self.cheapest_way(S) or wander(self.graph, 0)
+
+
+def _gap(found: Search) -> float:
+    return max(0.0, 1 - found.bound / found.cost) if found.cost > 0 else 0.0

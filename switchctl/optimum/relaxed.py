@@ -136,7 +136,7 @@ class RelaxedValues:
         root = np.linalg.inv(np.linalg.cholesky(move.Q))  # in units where Q is the identity
         below, above = root @ P @ root.T, root @ head @ root.T
         single = [
-            max(1.0, float(np.linalg.eigvalsh(p - above)[-1]), _ratio(float(k) - constant, move.constant))
+            max(1.0, float(np.linalg.eigvalsh(p - above)[-1]), _ratio(float(k), constant, move.constant))
             for p, k in zip(below, constants, strict=True)
         ]
         least = min(single)
@@ -148,17 +148,17 @@ class RelaxedValues:
             margin = 1e-13 * (float(np.abs(below).max()) + float(np.abs(above).max())) * len(above)
             factor = max(
                 float(np.linalg.eigvalsh(mixed)[-1]) + margin,
-                _ratio(float(weights @ constants) - constant, move.constant),
+                _ratio(float(weights @ constants), constant, move.constant),
             )
             least = min(least, max(1.0, factor))
         return least
 
 
-def _ratio(excess: float, constant: float) -> float:
-    """The least factor with which a constant makes up for an excess."""
-    if excess <= 1e-12:
+def _ratio(here: float, ahead: float, paid: float) -> float:
+    """The least factor f with ``here <= f paid + ahead``, constants all."""
+    if here - ahead <= 1e-12 * here:
         return 1.0
-    return excess / constant if constant > 0 else np.inf
+    return (here - ahead) / paid if paid > 0 else np.inf
 
 
 def _combination(below: Array, above: Array, excess: Array, constant: float) -> Array | None:

@@ -99,11 +99,12 @@ class Search:
         """
         root = Stack(len(self.s))
         root.push(self.s[None], np.full(1, -self._begun), np.zeros(1, dtype=np.int64))
+        self._ended = math.inf
         stacks, tree, most, crowded_tree = {0: root}, Tree(), self.nodes + most, _TREE
         while True:
             u = max(stacks, key=lambda v: stacks[v].count)
             if stacks[u].count == 0:
-                self.bound = max(self.bound, self.cost * (1 - tolerance))
+                self.bound = max(self.bound, min(self.cost * (1 - tolerance), self._ended))
                 return "closed"
             held = sum(stack.bytes for stack in stacks.values()) + 10 * len(tree.parent)
             if time.perf_counter() > deadline or held > self.memory:
@@ -186,6 +187,9 @@ class Search:
         if not keys:
             return
         totals = (rows @ moments.T + constants[:, None]).min(axis=0) + costs
+        if self.decisions.ended(u):  # what costs less than its rounding lets us see is not above the threshold
+            norm = 4 * (len(self.s) + 8) * _ROUNDING * float(np.linalg.norm(rows))
+            self._ended = min(self._ended, float((totals - norm * np.linalg.norm(moments, axis=1)).min()))
         best = int(totals.argmin())
         if not totals[best] < self.cost * (1 - _BETTER):
             return
@@ -202,7 +206,7 @@ class Search:
 
     def _raise_bound(self, stacks: dict[int, Stack], tolerance: float) -> None:
         """What is still open gives a bound too, where a rung stops short."""
-        least = self.cost * (1 - tolerance)
+        least = min(self.cost * (1 - tolerance), self._ended)
         for u, stack in stacks.items():
             L, ahead = self.lower.rows(u), self.decisions.constant_ahead(u)
             norm = 4 * (len(self.s) + 8) * _ROUNDING * float(np.linalg.norm(L, axis=1).max())
