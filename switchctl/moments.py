@@ -181,9 +181,11 @@ def constant_w2(A: Array, S: Array, steps: int) -> Array:
 
 
 def _root(S: Array) -> Array:
-    """A factor L of a positive semidefinite matrix, ``L L' = S``."""
-    eigenvalues, vectors = np.linalg.eigh(S)
-    return vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    """A factor L of a positive semidefinite matrix, ``L L' = S``, computed in units fit for each state."""
+    diagonal = np.diag(S)
+    unit = np.exp2(np.round(np.log2(np.where(diagonal > 0, diagonal, 1.0)) / 2))
+    eigenvalues, vectors = np.linalg.eigh(S / unit / unit[:, None])
+    return unit[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
 
 
 def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:

@@ -70,7 +70,7 @@ def schedule(
     steps = None if steps is None else whole_number(steps, "steps")
     graph = graph_under(modes, rules)
     scheduler = method.start(graph)
-    scheduler.steps = steps
+    scheduler.steps, scheduler.initial = steps, x0.second_moment
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
     lead, word = scheduler.tail(F @ F.T)
     return Schedule(

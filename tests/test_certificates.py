@@ -217,3 +217,18 @@ def test_forgeries(five, tmp_path):
         check(document)
     path.write_text("[" * 100_000)
     assert run(path).returncode == 2
+
+
+def test_a_guard_below_zero_is_rejected(five):
+    document = copy.deepcopy(five.document)
+    document["witness"]["guards"][0] = (-1.0).hex()
+    with pytest.raises(Rejected, match="below zero"):
+        check(document)
+
+
+@pytest.mark.parametrize("size", [1e30, 1e-30])
+def test_great_and_small_states(pair, size):
+    found = schedule(pair, Gaussian([size, size], np.zeros((2, 2))), Optimal())
+    certificate = certify(found, 1e-3)
+    certificate.check()
+    assert certificate.gap <= 2e-3

@@ -433,3 +433,33 @@ def test_the_policy_knows_no_units():
         return Optimal(gap=0.05).policy(modes, rules, quadratics=10).factor
 
     assert factor_of(1e-8) == pytest.approx(factor_of(1.0), rel=1e-6)
+
+
+def test_the_policy_ends_in_the_way_its_value_promises():
+    modes = ModeSet([np.diag([0.5, 1.1]), np.diag([1.1, 0.5]), 0.95 * np.eye(2)])
+    policy, start = Optimal(gap=0.05).policy(modes), Gaussian([1.0, 1.0], np.zeros((2, 2)))
+    best = schedule(modes, start, Optimal())
+    for steps in (None, 1, 2, 3, 10):
+        assert schedule(modes, start, policy, steps).cost <= policy.factor * best.cost
+
+
+def test_a_policy_keeps_its_time_limit():
+    A = 0.3 * np.random.default_rng(0).standard_normal((8, 4, 4))
+    begun = time.perf_counter()
+    policy = Optimal(time_limit=0.5).policy(ModeSet(A), Rules(max_dwell=6, switch_cost_per_w2=0.1))
+    assert time.perf_counter() - begun < 10
+    assert policy.factor == math.inf
+    assert "no guarantee" in repr(policy)
+
+
+def test_units_of_the_states_make_no_difference():
+    S = np.array([[1, 0.5, 0.2], [0.5, 1, -0.3], [0.2, -0.3, 1]])
+    A = [[[0.9, 0.3, 0], [0, 0.8, 0.2], [0.1, 0, 0.7]], [[0.7, 0, 0.2], [-0.4, 0.9, 0], [0, 0.3, 0.6]]]
+    plain = schedule(ModeSet(A), Gaussian(np.zeros(3), S), Optimal(gap=1e-4))
+    for units in ([1, 1e-6, 1e6], [1e6, 1, 1e-6]):
+        T = np.diag(units)
+        modes = ModeSet([T @ a @ np.linalg.inv(T) for a in np.array(A)], Q=np.linalg.inv(T @ T))
+        found = schedule(modes, Gaussian(np.zeros(3), T @ S @ T), Optimal(gap=1e-4))
+        assert found.cost == pytest.approx(plain.cost, rel=1e-9)
+        assert found.lower_bound <= plain.cost
+        assert found.gap <= 1.1e-4

@@ -103,7 +103,8 @@ class Matrix:
 def dot(X: Matrix, Y: Matrix) -> Fraction:
     """The trace of a product of symmetric matrices."""
     top = sum(a * b for x, y in zip(X.rows, Y.rows, strict=True) for a, b in zip(x, y, strict=False))
-    return Fraction(top, 1 << (X.exponent + Y.exponent))
+    exponent = X.exponent + Y.exponent
+    return Fraction(top, 1 << exponent) if exponent >= 0 else Fraction(top << -exponent)
 
 
 def identity(n: int, factor: float) -> Matrix:
@@ -222,17 +223,23 @@ def bounds_at(problem: Problem, given: dict[str, Any], unit: int) -> dict[int, M
     return L
 
 
+def resolution(problem: Problem) -> int:
+    """The power of two that moments are kept over: so many bits below the first one."""
+    trace = dot(problem.S, identity(problem.n, 1.0))
+    return BITS - trace.numerator.bit_length() + trace.denominator.bit_length()
+
+
 def proven_lower(problem: Problem, witness: dict[str, Any]) -> Fraction:
     """What every run costs at least: it begins with a prefix that the tree gives up for a bound of what follows."""
     n = problem.n
     if problem.terminal is None:  # then what is left of a run of finite cost vanishes
         need(all(Q.definite(strictly=True) for Q in problem.Q), "a stage weight is not positive definite")
-    unit = BITS - int(dot(problem.S, identity(n, 1.0))).bit_length()
+    unit = resolution(problem)
     chosen = {int(v) for v in witness["bounds"][0]}
     need(all({int(v) for v in given} == chosen for given in witness["bounds"]), "the bounds are at different nodes")
     bounds = [bounds_at(problem, given, max(unit, BITS)) for given in witness["bounds"]]
     guards = [number(x) for x in listed(witness["guards"])]
-    need(len(guards) == len(bounds), "a guard for each bound is needed")
+    need(len(guards) == len(bounds) and min(guards) >= 0, "a guard for each bound is needed, none below zero")
     for L, guard in zip(bounds, guards, strict=True):
         need(all((M + identity(n, guard)).definite() for M in L.values()), "a bound is below its guard")
     lost = Fraction(2 * n * n, 1 << unit) if unit >= 0 else Fraction(2 * n * n << -unit)
@@ -267,7 +274,7 @@ def proven_lower(problem: Problem, witness: dict[str, Any]) -> Fraction:
 
 def proven_upper(problem: Problem, witness: dict[str, Any]) -> Fraction:
     """What the run given costs at most."""
-    unit = BITS - int(dot(problem.S, identity(problem.n, 1.0))).bit_length()
+    unit = resolution(problem)
     v, S, paid = 0, problem.S.rounded(unit, up=True), Fraction(0)
     for mode in witness["lead"]:
         weight, constant = problem.step(v, mode)

@@ -95,6 +95,8 @@ class Scheduler(ABC):
         The weight of the state after the last step of a run that ends there; None where the run goes on.
     steps : int or None
         The length of the run, where it is known before it begins.
+    initial : array, shape (n, n), or None
+        The second moment at the first sample, where it is known more exactly than by the factor of a prediction.
     """
 
     lengthened: int = 0
@@ -103,6 +105,7 @@ class Scheduler(ABC):
     lower_bound: float | None = None
     terminal: Array | None = None
     steps: int | None = None
+    initial: Array | None = None
 
     def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
         self.graph = as_graph(graph)

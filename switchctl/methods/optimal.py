@@ -185,17 +185,15 @@ class Optimal(Method):
                     "switching for ever; a policy starts from modes that are held"
                 )
         values.grow(1 / (1 - self.gap), quadratics, time.perf_counter() + self.time_limit)
-        tables = {}
+        tables, scale = {}, np.outer(decisions.scale, decisions.scale)
         for u, (_, node) in enumerate(decisions.places):
-            moves, rows, constants = decisions.moves(u), [], []
-            for move in moves:
-                P, later = values.values[move.head]
-                worth = move.Q + transform(move.A, P)
-                rows.append(svec(worth * np.outer(decisions.scale, decisions.scale)))
+            rows, constants, plans = [], [], []
+            for move in decisions.moves(u):
+                P, later, ways = values.values[move.head]
+                rows.append(svec((move.Q + transform(move.A, P)) * scale))
                 constants.append(later + move.constant)
-            if len(moves) > 1:
-                firsts = [move.word[0] for move, known in zip(moves, rows, strict=True) for _ in known]
-                tables[node] = firsts, np.concatenate(rows), np.concatenate(constants)
+                plans += [(move.word + lead, word) for lead, word in ways]
+            tables[node] = plans, np.concatenate(rows), np.concatenate(constants)
         return Policy(graph, tables, values.factor)
 
 
@@ -214,6 +212,10 @@ class _OptimalScheduler(PlanningScheduler):
         if not (np.any(S) or self.graph.price.any() or self.graph.switch_cost.any()):
             self.lower_bound, self.status = 0.0, "optimal"
             return self._any(S)
+        if self.initial is not None:
+            S = self.initial
+        if not np.isfinite(np.sum(S**2) ** 2):
+            raise FloatingPointError("the second moment is too great to be searched with; scale the state")
         begun = time.perf_counter()
         self.S, self.deadline = S, begun + self.settings.time_limit
         self.seconds = {"bounds": 0.0, "refine": 0.0}

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from switchctl.continuation import Plan, shortest
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, least_cost
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 
-Table = tuple[list[int], Array, Array]
+Table = tuple[list[Plan], Array, Array]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -24,11 +25,11 @@ class Policy(Method):
     ----------
     graph : SwitchingGraph
         The modes and rules that it is for.
-    tables : dict of int to (modes, rows, constants)
-        By node of the graph with a choice: a first mode, and a cost as a row for ``svec(S)`` and a constant, per dk,
-        for each move and quadratic after it.
+    tables : dict of int to (ways, rows, constants)
+        By node of the graph with a choice, for each move and quadratic after it: the way on that costs so much, as
+        modes taken once and those repeated for ever; the cost as a row for ``svec(S)`` and a constant, per dk.
     factor : float
-        The guarantee.
+        The guarantee; infinite where the time was up before one was proven.
 
     Raises
     ------
@@ -61,7 +62,12 @@ class Policy(Method):
 
     def __repr__(self) -> str:
         count = sum(len(constants) for _, _, constants in self.tables.values())
-        return f"Policy({count} functionals, at most {self.factor:.4g} times the optimum)"
+        told = (
+            f"at most {self.factor:.4g} times the optimum"
+            if np.isfinite(self.factor)
+            else "no guarantee in the time given"
+        )
+        return f"Policy({count} functionals, {told})"
 
 
 class _PolicyScheduler(Scheduler):
@@ -72,5 +78,20 @@ class _PolicyScheduler(Scheduler):
     def decide(self, S: Array) -> int:
         if self.node not in self.tables:
             return int(np.flatnonzero(self.allowed)[0])  # there is no choice
-        modes, rows, constants = self.tables[self.node]
-        return modes[least_cost(rows @ svec(S) + constants)]
+        lead, word = self._way(self.node, S)
+        return (lead + word)[0]
+
+    def _way(self, node: int, S: Array) -> Plan:
+        """The way on that costs least, of those that the value is made of."""
+        plans, rows, constants = self.tables[node]
+        return plans[least_cost(rows @ svec(S) + constants)]
+
+    def tail(self, S: Array) -> Plan:
+        """What the value promises: the way on that it is the cost of."""
+        forced: list[int] = []
+        node, A = self.node, self.modes.A
+        while node not in self.tables:
+            forced.append(int((self.graph.successor[node] >= 0).argmax()))
+            S, node = A[forced[-1]] @ S @ A[forced[-1]].T, int(self.graph.successor[node, forced[-1]])
+        lead, word = self._way(node, S)
+        return shortest((*forced, *lead), word)

@@ -78,9 +78,8 @@ class Decisions:
         self._composed: dict[tuple[int, tuple[int, ...]], tuple[int, Array, Array, Array, Array, float, float]] = {}
 
     def scaled(self, S: Array) -> Array:
-        """``svec`` of a second moment in scaled states, rounded down."""
-        s = svec(S * np.outer(self.scale, self.scale))
-        return s - 4 * _ROUNDING * float(np.linalg.norm(s)) * self.identity
+        """``svec`` of a second moment in scaled states."""
+        return svec(S * np.outer(self.scale, self.scale))
 
     def scaled_cost(self, P: Array) -> Array:
         """A cost matrix (or several) in scaled states."""

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from tqdm import tqdm
 
-from switchctl.continuation import Continuations
+from switchctl.continuation import Continuations, Plan
 from switchctl.gramians import transform
 from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions, Move
@@ -25,10 +25,11 @@ _ROUNDING = 1e-9  # what is taken off the guarantee for rounding in the P themse
 
 
 class Values(NamedTuple):
-    """The quadratics at a choice, in scaled states and per dk: matrices and constants."""
+    """The quadratics at a choice, in scaled states and per dk: matrices, constants, and the ways on they are of."""
 
     P: Array
     constants: Array
+    plans: list[Plan]
 
 
 class _Pair(NamedTuple):
@@ -60,9 +61,11 @@ class RelaxedValues:
         ways, scale = Continuations(decisions.graph), np.outer(decisions.scale, decisions.scale)
         self.values: dict[int, Values] = {}
         for u, (_, v) in enumerate(decisions.places):
-            found = [ways.value(v, number) for number in np.flatnonzero(ways.finite[:, v]).tolist()]
+            numbers = np.flatnonzero(ways.finite[:, v]).tolist()
+            found = [ways.value(v, number) for number in numbers]
             P = np.array([value.P / scale for value in found]).reshape(-1, decisions.n, decisions.n)
-            self.values[u] = Values(P, np.array([value.constant for value in found]))
+            plans = [ways.path(v, number) for number in numbers]
+            self.values[u] = Values(P, np.array([value.constant for value in found]), plans)
         self.size = sum(len(values.P) for values in self.values.values())
 
     def grow(self, wanted: float, most: int, deadline: float) -> bool:
@@ -84,6 +87,9 @@ class RelaxedValues:
         try:
             with tqdm(desc="policy", unit="quadratic", delay=2, leave=False) as progress:
                 while waiting:
+                    if time.perf_counter() > deadline:  # old factors can only be too great
+                        self.factor = -waiting[0][0] * (1 + _ROUNDING)
+                        break
                     factor, pair = -waiting[0][0], waiting[0][1]
                     if known.get(pair) != len(self.values[pair.u].P):
                         known[pair] = len(self.values[pair.u].P)
@@ -91,7 +97,7 @@ class RelaxedValues:
                         continue
                     self.factor = factor * (1 + _ROUNDING)
                     progress.set_postfix(factor=f"{self.factor:.6g}", refresh=False)
-                    if self.factor <= wanted or self.size >= most or time.perf_counter() > deadline:
+                    if self.factor <= wanted or self.size >= most:
                         break
                     heapq.heappop(waiting)
                     for new in self._add(pair):
@@ -110,7 +116,10 @@ class RelaxedValues:
         u, (P, constant) = pair.u, self._worth(pair, 1.0)
         values = self.values[u]
         place = len(values.P)
-        self.values[u] = Values(np.concatenate([values.P, P[None]]), np.append(values.constants, constant))
+        move = self._move(pair)
+        lead, word = self.values[move.head].plans[pair.quadratic]
+        plans = [*values.plans, (move.word + lead, word)]
+        self.values[u] = Values(np.concatenate([values.P, P[None]]), np.append(values.constants, constant), plans)
         self.size += 1
         found = []
         for tail in self.values:
@@ -130,7 +139,7 @@ class RelaxedValues:
 
     def _needed(self, pair: _Pair) -> float:
         """The least factor for which a convex combination of the quadratics is below; infinite if none is found."""
-        P, constants = self.values[pair.u]
+        P, constants, _ = self.values[pair.u]
         move = self._move(pair)
         head, constant = self._worth(pair, 0.0)
         root = np.linalg.inv(np.linalg.cholesky(move.Q))  # in units where Q is the identity
@@ -186,6 +195,8 @@ def _combination(below: Array, above: Array, excess: Array, constant: float) -> 
     except KeyboardInterrupt:
         raise
     except BaseException:  # a panic of the solver is no Exception
+        return None
+    if found.shape != (r + 1,):
         return None
     weights = np.maximum(found[:r], 0.0)
     total = weights.sum()

@@ -70,8 +70,10 @@ class Search:
         self._tables: dict[int, _Table] = {}
         self._useful: dict[int, Ends] = {}
         self._diagonal = np.flatnonzero(decisions.identity)
+        lowered = 8 * len(self._diagonal) * _ROUNDING * float(np.linalg.norm(s))  # S itself was rounded
+        self._lowered = s - lowered * decisions.identity
         n = self._size = len(self._diagonal)
-        self._begun = 8 * n * lower.guard * _ROUNDING * float(np.linalg.norm(s))  # lost by `Decisions.scaled`
+        self._begun = 2 * n * lower.guard * lowered
         self._since, self._wait = 0, _GROW
         if (found := upper.best(0, s)) is not None:
             self.cost, self.plan = found
@@ -98,7 +100,7 @@ class Search:
             "closed": there is none, and ``bound`` says so; or "too many", "time limit", "memory limit".
         """
         root = Stack(len(self.s))
-        root.push(self.s[None], np.full(1, -self._begun), np.zeros(1, dtype=np.int64))
+        root.push(self._lowered[None], np.full(1, -self._begun), np.zeros(1, dtype=np.int64))
         self._ended = math.inf
         stacks, tree, most, crowded_tree = {0: root}, Tree(), self.nodes + most, _TREE
         while True:
