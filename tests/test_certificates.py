@@ -232,3 +232,42 @@ def test_great_and_small_states(pair, size):
     certificate = certify(found, 1e-3)
     certificate.check()
     assert certificate.gap <= 2e-3
+
+
+def forged(five, **witness):
+    document = copy.deepcopy(five.document)
+    document["witness"] |= witness
+    return document
+
+
+def scaled(matrix, factor):
+    return [[(float.fromhex(entry) * factor).hex() for entry in row] for row in matrix]
+
+
+def test_bounds_that_do_not_hold_are_rejected(five):
+    """Greater than a step allows: they would prove more than is true."""
+    bounds = [{v: scaled(L, 1.3) for v, L in given.items()} for given in five.document["witness"]["bounds"]]
+    document = forged(five, bounds=bounds)
+    document["claim"]["lower"] = document["claim"]["upper"] = (five.upper * 1.1).hex()
+    with pytest.raises(Rejected, match="exceeds what a step"):
+        check(document)
+
+
+def test_a_tail_that_costs_more_is_rejected(five):
+    with pytest.raises(Rejected, match="the tail costs more"):
+        check(forged(five, tail=scaled(five.document["witness"]["tail"], 0.5)))
+
+
+def test_a_tree_must_be_whole(five):
+    tree = five.document["witness"]["tree"]
+    with pytest.raises(Rejected, match="goes on after its end"):
+        check(forged(five, tree=[*tree, 0]))
+    with pytest.raises(Rejected, match="cut short"):
+        check(forged(five, tree=tree[:-1]))
+
+
+def test_a_run_against_the_moves_is_rejected(pair, x0):
+    document = certify(schedule(pair, x0, Refine(), rules=Rules(min_dwell=4)), 0.05).document
+    lead = document["witness"]["lead"]
+    with pytest.raises(Rejected, match="a move that is not there"):
+        check({**document, "witness": {**document["witness"], "lead": [1 - lead[0], *lead[:1], *lead[2:]]}})
