@@ -463,3 +463,25 @@ def test_units_of_the_states_make_no_difference():
         assert found.cost == pytest.approx(plain.cost, rel=1e-9)
         assert found.lower_bound <= plain.cost
         assert found.gap <= 1.1e-4
+
+
+def test_what_must_be_paid_in_constants_is_the_least_of_all_runs():
+    rng = np.random.default_rng(4)
+    modes = ModeSet(random_modes(rng, 1, 3))
+    rules = Rules(max_dwell=2, switch_cost=rng.exponential(1.0, (3, 3)), price=[0.3, 0.0, 0.5])
+    graph = SwitchingGraph(modes, rules)
+    edges = {}
+    for edge in graph.edges():
+        edges.setdefault(edge.tail, []).append((edge.head, edge.constant))
+
+    def least(v, steps):
+        return min(paid + least(head, steps - 1) for head, paid in edges[v]) if steps else 0.0
+
+    constants = Decisions(graph, 6).constants
+    for k in range(7):
+        assert constants[k, 0] == pytest.approx(least(0, 6 - k), rel=1e-9)
+        assert constants[k, 0] <= least(0, 6 - k)
+    for_ever = Rules(switch_cost=0.7, start=("A0", 1), price=[0.3, 0.0, 0.5])
+    decisions = Decisions(SwitchingGraph(modes, for_ever))
+    assert decisions.constants[0] == pytest.approx(0.7, rel=1e-9)
+    assert decisions.constants[0] <= 0.7
