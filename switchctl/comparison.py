@@ -99,19 +99,12 @@ class Comparison:
         result = schedule(self.modes, self.x0, Constant(mode), self.steps, graph)
         return float(result.w2.max()), len(result.switches)
 
-    @property
-    def _proven(self) -> bool:
-        return any(schedule.lower_bound is not None for schedule in self.schedules.values())
-
     def _heading(self) -> list[str]:
-        return [*_HEADER, "gap"] if self._proven else list(_HEADER)
+        proven = any(schedule.lower_bound is not None for schedule in self.schedules.values())
+        return [*_HEADER, "gap"] if proven else _HEADER
 
     def _cells(self) -> list[list[str]]:
-        gaps = {label: schedule.gap for label, schedule in self.schedules.items()}
-        told = ["" if gap is None else f"{gap:.1e}" for gap in (gaps.get(row["label"]) for row in self.rows())]
-        return [cells + [gap] * self._proven for cells, gap in zip(self._plain_cells(), told, strict=True)]
-
-    def _plain_cells(self) -> list[list[str]]:
+        gaps = {label: f"{s.gap:.1e}" for label, s in self.schedules.items() if s.gap is not None}
         return [
             [
                 row["label"],
@@ -120,6 +113,7 @@ class Comparison:
                 "" if row["ratio"] is None or not np.isfinite(row["ratio"]) else f"{100 * row['ratio']:.2f} %",
                 f"{row['peak']:.6g}",
                 str(row["switches"]),
+                *([gaps.get(row["label"], "")] if gaps else []),
             ]
             for row in self.rows()
         ]

@@ -218,7 +218,7 @@ class _OptimalScheduler(PlanningScheduler):
             raise FloatingPointError("the second moment is too great to be searched with; scale the state")
         begun = time.perf_counter()
         self.S, self.deadline = S, begun + self.settings.time_limit
-        self.seconds = {"bounds": 0.0, "refine": 0.0}
+        self.refining = 0.0  # seconds
         decisions = Decisions(self.graph, None if self.terminal is None else self.steps)
         terminal = None if self.terminal is None else decisions.scaled_cost(self.terminal)
         upper = UpperBounds(decisions, terminal)
@@ -240,9 +240,13 @@ class _OptimalScheduler(PlanningScheduler):
             self.interrupted, self.status = True, INTERRUPTED
         dk = self.modes.dk
         self.lower_bound = dk * min(found.bound, found.cost)
-        total = time.perf_counter() - begun
-        self.statistics = {"nodes": found.nodes, "rungs": rungs, "bounds": lower.count, "seconds": total} | {
-            f"seconds of {part}": spent for part, spent in (self.seconds | {"bounds": lower.seconds}).items()
+        self.statistics = {
+            "nodes": found.nodes,
+            "rungs": rungs,
+            "bounds": lower.count,
+            "seconds": time.perf_counter() - begun,
+            "seconds of bounds": lower.seconds,
+            "seconds of refine": self.refining,
         }
         assert found.plan is not None
         return found.plan
@@ -301,7 +305,7 @@ class _OptimalScheduler(PlanningScheduler):
             path = tuple(local.run.path.tolist())
             if local.run.total < found.cost * (1 - TIE):
                 found.cost, found.plan = local.run.total, shortest(path, word) if word else (path, ())
-        self.seconds["refine"] += time.perf_counter() - begun
+        self.refining += time.perf_counter() - begun
         return found.plan
 
     def _beginnings(self) -> list[Plan]:

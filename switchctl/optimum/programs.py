@@ -13,6 +13,27 @@ _ROUNDING = np.finfo(float).eps
 _FEASIBLE = 1e-10
 
 
+def solution(
+    objective: Array, matrix: Any, vector: Array, cones: list[Any], quadratic: Any = None, feasible: float | None = None
+) -> Array | None:
+    """What the solver returns for a conic program, not to be trusted; None if it fails or returns no finite numbers."""
+    import clarabel
+
+    size = len(objective)
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+    if feasible is not None:
+        settings.tol_feas = feasible
+    quadratic = sparse.csc_matrix((size, size)) if quadratic is None else quadratic
+    try:
+        found = np.array(clarabel.DefaultSolver(quadratic, objective, matrix, vector, cones, settings).solve().x)
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # a panic of the solver is no Exception
+        return None
+    return found if found.shape == (size,) and np.isfinite(found).all() else None
+
+
 class Program:
     """Maximise ``tr(L_v S)`` subject to ``L_v <= Q_e + A_e' L_w A_e`` on every move, in states fit for it.
 
@@ -99,28 +120,13 @@ class Program:
             return None
         wanted = np.tile(svec(np.eye(n)) * 1e-4 / (n * len(self.free)), (len(self.free), 1))
         wanted[np.searchsorted(self.free, u)] += target / np.linalg.norm(target)
-        found = self._solution(None, -wanted.ravel(), self.matrix, self.vector, self.cones)
+        found = solution(-wanted.ravel(), self.matrix, self.vector, self.cones, feasible=_FEASIBLE)
         return None if found is None else self._mended(self._read(found, d))
 
     def _read(self, found: Array, d: int) -> Array:
         L = self.fixed.copy()
         L[self.free] = transform(self.T, smat(found.reshape(-1, d)))
         return L
-
-    def _solution(self, quadratic: Any, *problem: Any) -> Array | None:
-        """What the solver returns, if that is finite."""
-        settings = self.clarabel.DefaultSettings()
-        settings.verbose, settings.max_threads = False, 1
-        settings.tol_feas = _FEASIBLE
-        size = len(problem[0])
-        zero = sparse.csc_matrix((size, size)) if quadratic is None else quadratic
-        try:
-            found = np.array(self.clarabel.DefaultSolver(zero, *problem, settings).solve().x)
-        except KeyboardInterrupt:
-            raise
-        except BaseException:  # a panic of the solver is no Exception; without it there is one bound less
-            return None
-        return found if found.shape == (size,) and np.isfinite(found).all() else None
 
     def _find_interior(self) -> None:
         """The solution whose left-hand sides are furthest inside: ``R >= s I`` in the program's states, s at most 1."""
@@ -132,7 +138,7 @@ class Program:
         quadratic = sparse.diags(np.append(np.full(size, 1e-9), 0.0), format="csc")
         objective, vector = np.append(np.zeros(size), -1.0), np.append(self.vector, 1.0)
         cones = [*self.cones, self.clarabel.NonnegativeConeT(1)]
-        found = self._solution(quadratic, objective, matrix, vector, cones)
+        found = solution(objective, matrix, vector, cones, quadratic, _FEASIBLE)
         self.slack = 0.0
         if found is not None:
             self.interior = self._read(found[:-1], d)

@@ -20,6 +20,7 @@ from switchctl.continuation import Continuations, Plan
 from switchctl.gramians import transform
 from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions, Move
+from switchctl.optimum.programs import solution
 
 _ROUNDING = 1e-9  # what is taken off the guarantee for rounding in the P themselves
 
@@ -58,18 +59,18 @@ class RelaxedValues:
 
     def __init__(self, decisions: Decisions) -> None:
         self.decisions, self.factor = decisions, np.inf
-        ways, scale = Continuations(decisions.graph), np.outer(decisions.scale, decisions.scale)
+        ways = Continuations(decisions.graph)
         self.values: dict[int, Values] = {}
         for u, (_, v) in enumerate(decisions.places):
             numbers = np.flatnonzero(ways.finite[:, v]).tolist()
             found = [ways.value(v, number) for number in numbers]
-            P = np.array([value.P / scale for value in found]).reshape(-1, decisions.n, decisions.n)
+            P = decisions.scaled_cost(np.array([value.P for value in found]).reshape(-1, decisions.n, decisions.n))
             plans = [ways.path(v, number) for number in numbers]
             self.values[u] = Values(P, np.array([value.constant for value in found]), plans)
         self.size = sum(len(values.P) for values in self.values.values())
 
-    def grow(self, wanted: float, most: int, deadline: float) -> bool:
-        """Add the quadratic that is wanted most, again and again; whether it came to an end before Ctrl-C.
+    def grow(self, wanted: float, most: int, deadline: float) -> None:
+        """Add the quadratic that is wanted most, again and again; Ctrl-C ends it with the factor proven so far.
 
         Parameters
         ----------
@@ -104,8 +105,7 @@ class RelaxedValues:
                         heapq.heappush(waiting, (-np.inf, new))
                     progress.update()
         except KeyboardInterrupt:
-            return False
-        return True
+            return
 
     def _pairs_from(self, u: int) -> list[_Pair]:
         moves = self.decisions.moves(u)
@@ -175,7 +175,6 @@ def _combination(below: Array, above: Array, excess: Array, constant: float) -> 
     import clarabel
 
     r, n, _ = below.shape
-    d = n * (n + 1) // 2
     # variables (a, f); a >= 0, sum a = 1, and f I + M - sum a P semidefinite
     rows = [
         np.append(np.ones(r), 0.0)[None],
@@ -185,19 +184,8 @@ def _combination(below: Array, above: Array, excess: Array, constant: float) -> 
     ]
     b = np.concatenate([[1.0], np.zeros(r), [0.0], svec(above)])
     cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(r + 1), clarabel.PSDTriangleConeT(n)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    matrix = sparse.csc_matrix(np.concatenate(rows))
-    try:
-        objective = np.append(np.zeros(r), 1.0)
-        quadratic = sparse.csc_matrix((r + 1, r + 1))
-        found = np.array(clarabel.DefaultSolver(quadratic, objective, matrix, b, cones, settings).solve().x)
-    except KeyboardInterrupt:
-        raise
-    except BaseException:  # a panic of the solver is no Exception
-        return None
-    if found.shape != (r + 1,):
+    found = solution(np.append(np.zeros(r), 1.0), sparse.csc_matrix(np.concatenate(rows)), b, cones)
+    if found is None:
         return None
     weights = np.maximum(found[:r], 0.0)
-    total = weights.sum()
-    return weights / total if np.isfinite(total) and total > 0.5 and len(b) == r + 2 + d else None
+    return weights / weights.sum() if weights.sum() > 0.5 else None
