@@ -15,9 +15,7 @@ from switchctl.certificates import check
 from switchctl.files import FormatError, read_document, write_text
 from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
-from switchctl.optimum.lower import LowerBounds
 from switchctl.optimum.search import Search
-from switchctl.optimum.upper import UpperBounds
 from switchctl.result import Schedule
 from switchctl.tail_costs import word_value
 from switchctl.validation import number, whole_number
@@ -172,15 +170,12 @@ class _Writer:
         terminal = None if schedule.terminal is None else self.decisions.scaled_cost(schedule.terminal)
         if not self.decisions.reachable(_LARGEST):
             raise ValueError(f"the graph has more than {_LARGEST:,} choices, too many for a certificate")
-        upper = UpperBounds(self.decisions, terminal)
-        s = self.decisions.scaled(schedule.x0.second_moment)
-        if not upper.ends(0).keys:
-            upper.look_further()
-        self.lower = LowerBounds(self.decisions, upper.reference(s), terminal)
-        if not self.lower.definite:
+        search = Search.prepared(self.decisions, self.decisions.scaled(schedule.x0.second_moment), terminal)
+        if search is None:
+            raise ValueError("no way on of finite cost was found from the start, and a certificate begins with one")
+        if not search.lower.definite:
             raise ValueError("a certificate needs positive definite stage weights, and one of these is singular")
-        self.lower.improve(0, s)
-        self.search = Search(self.decisions, self.lower, upper, s)
+        self.search, self.lower = search, search.lower
         dk = graph.modes.dk
         if schedule.cost / dk < self.search.cost:
             self.search.cost = schedule.cost / dk
@@ -288,7 +283,7 @@ class _Writer:
         size = float(np.linalg.norm(rows, axis=2).max())
         lightest = float(np.linalg.eigvalsh(lower.least)[0])
         share = 1 - 256 * decisions.n * np.finfo(float).eps * (1 + size / lightest)
-        L = smat(rows) * np.outer(decisions.scale, decisions.scale) * dk * share
+        L = decisions.plain_cost(smat(rows)) * dk * share
         numbers = [self.nodes[decisions.places[u]] for u in choices]
         guard = 16.0 * decisions.n * float(np.linalg.norm(L, axis=(2, 3)).max())
         used = range(lower.count)
@@ -317,7 +312,7 @@ class _Writer:
         return {
             "lead": path,
             "word": word,
-            "tail": exact(P * np.outer(self.decisions.scale, self.decisions.scale) * dk),
+            "tail": exact(self.decisions.plain_cost(P) * dk),
         }
 
 

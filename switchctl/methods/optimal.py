@@ -20,10 +20,8 @@ from switchctl.methods.refine import LocalSearch, Refine
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions
-from switchctl.optimum.lower import LowerBounds
 from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search
-from switchctl.optimum.upper import UpperBounds
 from switchctl.rules import Rules
 from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
 
@@ -185,12 +183,12 @@ class Optimal(Method):
                     "switching for ever; a policy starts from modes that are held"
                 )
         values.grow(1 / (1 - self.gap), quadratics, time.perf_counter() + self.time_limit)
-        tables, scale = {}, np.outer(decisions.scale, decisions.scale)
+        tables = {}
         for u, (_, node) in enumerate(decisions.places):
             rows, constants, plans = [], [], []
             for move in decisions.moves(u):
                 P, later, ways = values.values[move.head]
-                rows.append(svec((move.Q + transform(move.A, P)) * scale))
+                rows.append(svec(decisions.plain_cost(move.Q + transform(move.A, P))))
                 constants.append(later + move.constant)
                 plans += [(move.word + lead, word) for lead, word in ways]
             tables[node] = plans, np.concatenate(rows), np.concatenate(constants)
@@ -221,18 +219,14 @@ class _OptimalScheduler(PlanningScheduler):
         self.refining = 0.0  # seconds
         decisions = Decisions(self.graph, None if self.terminal is None else self.steps)
         terminal = None if self.terminal is None else decisions.scaled_cost(self.terminal)
-        upper = UpperBounds(decisions, terminal)
-        if not upper.ends(0).keys and not upper.look_further():
+        found = Search.prepared(decisions, decisions.scaled(S), terminal, self.settings.memory_limit)
+        if found is None:
             if self.graph.price.any() or self.graph.switch_cost.any():
                 raise InfiniteCostError(
                     f"Optimal needs a way to go on at finite cost, and under {self.graph.rules!r} none was found"
                 )
             self.lower_bound, self.status = 0.0, NOT_STABILISED
             return self._any(S)
-        s = decisions.scaled(S)
-        lower = LowerBounds(decisions, upper.reference(s), terminal)
-        lower.improve(0, s)
-        found = Search(decisions, lower, upper, s, self.settings.memory_limit)
         rungs = 0
         try:
             rungs = self._climb(found, begun)
@@ -243,9 +237,9 @@ class _OptimalScheduler(PlanningScheduler):
         self.statistics = {
             "nodes": found.nodes,
             "rungs": rungs,
-            "bounds": lower.count,
+            "bounds": found.lower.count,
             "seconds": time.perf_counter() - begun,
-            "seconds of bounds": lower.seconds,
+            "seconds of bounds": found.lower.seconds,
             "seconds of refine": self.refining,
         }
         assert found.plan is not None

@@ -85,6 +85,16 @@ class Decisions:
         """A cost matrix (or several) in scaled states."""
         return P / np.outer(self.scale, self.scale)
 
+    def plain_cost(self, P: Array) -> Array:
+        """Undo `scaled_cost`."""
+        return P * np.outer(self.scale, self.scale)
+
+    def step_cost(self, before: int, mode: int) -> tuple[Array, float]:
+        """What a step in a mode costs after another: the weight of the scaled state, and the constant, per dk."""
+        graph, dk = self.graph, self.graph.modes.dk
+        Q = self.Q[mode] + graph.switch_cost_per_w2[before, mode] / dk * self.unit
+        return Q, float(graph.price[mode] + graph.switch_cost[before, mode] / dk)
+
     def ended(self, u: int) -> bool:
         """Whether a run ends there."""
         return self.steps is not None and self.places[u][0] == self.steps
@@ -113,7 +123,7 @@ class Decisions:
         while not word or (len(word) < _LONGEST and k + len(word) != self.steps and self._goes_on(v)):
             mode = int(graph.successor[v].argmax()) if word else mode
             last = int(graph.last_mode[v])
-            paid.append(paid[-1] + float(graph.price[mode] + graph.switch_cost[last, mode] / graph.modes.dk))
+            paid.append(paid[-1] + self.step_cost(last, mode)[1])
             v = int(graph.successor[v, mode])
             word.append(mode)
             nodes.append(v)
@@ -147,7 +157,7 @@ class Decisions:
             product = A.astype(long) @ power
             if length > 0 and not np.linalg.norm(errors) <= _ACCURATE * float(np.linalg.norm(product)):
                 break
-            Q = self.Q[mode] + self.graph.switch_cost_per_w2[last, mode] / self.graph.modes.dk * self.unit
+            Q, _ = self.step_cost(last, mode)
             weight = np.abs(Q)
             cost_wrong += size.T @ weight @ (2 * wrong + unit * size) + wrong.T @ weight @ wrong
             cost = cost + power.T @ Q.astype(long) @ power

@@ -7,6 +7,7 @@ not be definite, and is not where modes chatter.
 """
 
 import time
+from functools import reduce
 
 import numpy as np
 
@@ -97,10 +98,7 @@ class LowerBounds:
         self.count = 1
         for _ in range(decisions.steps):
             each = [below(Q, A, L) for Q, A in zip(decisions.Q, decisions.A, strict=True)]
-            L = each[0]
-            for X in each[1:]:
-                L = minorant(L, X)
-            rows.append(self._semidefinite(L))
+            rows.append(self._semidefinite(reduce(minorant, each)))
             L = smat(rows[-1])
         return rows[::-1]
 

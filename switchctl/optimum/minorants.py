@@ -4,6 +4,8 @@
 any run for ever. If ``tr(L S) <= V_t(S)`` and ``L+ <= Q_i + A_i' L A_i`` for every i, then ``tr(L+ S) <= V_{t+1}(S)``.
 """
 
+from functools import reduce
+
 import numpy as np
 
 from switchctl.gramians import transform
@@ -31,9 +33,7 @@ def lower_bounds(A: Array, Q: Array) -> Array:
     bounds, L = [np.zeros_like(A[0])], np.zeros_like(A[0])
     for t in range(1, _ROUNDS + 1):
         each = [below(Q[i], A[i], L) for i in range(len(A))]
-        last, L = L, each[0]
-        for X in each[1:]:
-            L = minorant(L, X)
+        last, L = L, reduce(minorant, each)
         d = _scales(np.abs(L))
         if np.linalg.eigvalsh(L / np.outer(d, d))[0] < -_NEGATIVE:
             break

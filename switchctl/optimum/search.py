@@ -70,6 +70,7 @@ class Search:
         self._tables: dict[int, _Table] = {}
         self._useful: dict[int, Ends] = {}
         self._diagonal = np.flatnonzero(decisions.identity)
+        self._rounding = 4 * (len(s) + 8) * _ROUNDING  # of a product with a moment
         lowered = 8 * len(self._diagonal) * _ROUNDING * float(np.linalg.norm(s))  # S itself was rounded
         self._lowered = s - lowered * decisions.identity
         n = self._size = len(self._diagonal)
@@ -77,6 +78,30 @@ class Search:
         self._since, self._wait = 0, _GROW
         if (found := upper.best(0, s)) is not None:
             self.cost, self.plan = found
+
+    @classmethod
+    def prepared(
+        cls, decisions: Decisions, s: Array, terminal: Array | None = None, memory: float = math.inf
+    ) -> "Search | None":
+        """A search with its bounds, the first one for the initial moment; None where no way on of finite cost is known.
+
+        Parameters
+        ----------
+        decisions, s, memory
+            As for `Search`.
+        terminal : array, shape (n, n), optional
+            The cost of the state at the end of a run that ends, in scaled states.
+
+        Returns
+        -------
+        Search or None
+        """
+        upper = UpperBounds(decisions, terminal)
+        if not upper.ends(0).keys and not upper.look_further():
+            return None
+        lower = LowerBounds(decisions, upper.reference(s), terminal)
+        lower.improve(0, s)
+        return cls(decisions, lower, upper, s, memory)
 
     def rung(
         self, tolerance: float, deadline: float, told: Callable[[], None] = lambda: None, most: float = math.inf
@@ -162,13 +187,12 @@ class Search:
             if len(self._tables) >= _TABLES:
                 self._tables.clear()
             moves = self.decisions.moves(u)
-            rounding = 4 * (len(self.s) + 8) * _ROUNDING
             bounds, slips = [], []
             for move in moves:
                 L = self.lower.rows(move.head)
                 bounds.append(move.q + L @ move.K)
                 norms = np.linalg.norm(L, axis=1) * np.linalg.norm(move.K) + np.linalg.norm(move.q)
-                slip = move.cost_slip + move.slip * np.linalg.norm(L, axis=1) * 4 * self._size + rounding * norms
+                slip = move.cost_slip + move.slip * np.linalg.norm(L, axis=1) * 4 * self._size + self._rounding * norms
                 slips.append(slip.max())
             constants = [move.constant + self.decisions.constant_ahead(move.head) for move in moves]
             table = _Table(self.lower.count, np.concatenate(bounds), np.array(constants), np.array(slips))
@@ -190,7 +214,7 @@ class Search:
             return
         totals = (rows @ moments.T + constants[:, None]).min(axis=0) + costs
         if self.decisions.ended(u):  # what costs less than its rounding lets us see is not above the threshold
-            norm = 4 * (len(self.s) + 8) * _ROUNDING * float(np.linalg.norm(rows))
+            norm = self._rounding * float(np.linalg.norm(rows))
             self._ended = min(self._ended, float((totals - norm * np.linalg.norm(moments, axis=1)).min()))
         best = int(totals.argmin())
         if not totals[best] < self.cost * (1 - _BETTER):
@@ -211,7 +235,7 @@ class Search:
         least = min(self.cost * (1 - tolerance), self._ended)
         for u, stack in stacks.items():
             L, ahead = self.lower.rows(u), self.decisions.constant_ahead(u)
-            norm = 4 * (len(self.s) + 8) * _ROUNDING * float(np.linalg.norm(L, axis=1).max())
+            norm = self._rounding * float(np.linalg.norm(L, axis=1).max())
             for begin in range(0, stack.count, CHUNK):
                 chosen = slice(begin, min(begin + CHUNK, stack.count))
                 moments = stack.moments[chosen]

@@ -180,10 +180,8 @@ class UpperBounds:
                 break
             steps.append((at, node, taken))
         for at, node, taken in reversed(steps):
-            before, dk = int(graph.last_mode[node]), graph.modes.dk
-            P = decisions.Q[taken] + graph.switch_cost_per_w2[before, taken] / dk * decisions.unit
-            constant = graph.price[taken] + graph.switch_cost[before, taken] / dk + value[1]
-            value = self._held[at, node, mode] = P + transform(decisions.A[taken], value[0]), float(constant)
+            Q, constant = decisions.step_cost(int(graph.last_mode[node]), taken)
+            value = self._held[at, node, mode] = Q + transform(decisions.A[taken], value[0]), constant + value[1]
         return value
 
     def useful(self, u: int, s: Array) -> Ends:
