@@ -1,17 +1,54 @@
 """From a python-control plant and its controllers to modes."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import control
 import numpy as np
-from scipy.linalg import expm
 
+from switchctl.controllers import Controllers, assembled, controller
+from switchctl.inactive import Inactive
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.validation import positive_semidefinite, real_array, sampling_period
+from switchctl.sampling import Sampling, common_period, exact_step, plant_system, sampled
+from switchctl.validation import positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
+_ILL_POSED = 1e8
+
+
+class ClosedLoops(ModeSet):
+    """Modes that know the plant and the controllers they were made of; `close_loops` makes them.
+
+    Attributes
+    ----------
+    plant : control.StateSpace or None
+        The sampled plant; None where the loops were closed in continuous time.
+    controllers : Controllers or None
+        What runs beside it at the samples.
+    """
+
+    plant: control.StateSpace | None
+    controllers: Controllers | None
+
+    def __init__(
+        self,
+        matrices: Any,
+        names: Any,
+        dt: float | bool,
+        *,
+        plant: control.StateSpace | None,
+        controllers: Controllers | None,
+        **keywords: Any,
+    ) -> None:
+        super().__init__(matrices, names, dt, **keywords)
+        object.__setattr__(self, "plant", None if plant is None else control.StateSpace(plant))
+        object.__setattr__(self, "controllers", controllers)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rebuild, arguments = super().__reduce__()
+        return partial(rebuild, plant=self.plant, controllers=self.controllers), arguments
 
 
 def close_loops(
@@ -22,13 +59,20 @@ def close_loops(
     *,
     Q: Any = None,
     R: Any = None,
-) -> ModeSet:
+    sampling: Sampling | Mapping[str, Sampling] = "tustin",
+    inactive: Inactive | Mapping[str, Inactive] = "track",
+    initial: Any = "zero",
+) -> "ClosedLoops":
     """Close the loop of one plant with each of several controllers: the modes.
 
     The two orders of sampling differ, and both are meant. ``"plant"`` is what a digital controller does: the
-    plant is sampled by zero-order hold, and the gain closes the loop at the samples, ``A_i = Ad - Bd K_i``.
+    plant is sampled by zero-order hold, and the controller closes the loop at the samples, ``A_i = Ad - Bd K_i``.
     ``"closed_loop"`` is what the paper's second example does: the loop is closed in continuous time and then
     sampled exactly, ``A_i = expm((A - B K_i) dt)``.
+
+    Controllers may have states of their own. The state of the modes is then the plant's and, after it, that of every
+    controller, and the modes say what each controller does while another one acts (``inactive``). What happens to its
+    state when it takes over is no part of a mode but of the switch: ``ModeSet.activation``.
 
     Parameters
     ----------
@@ -38,117 +82,157 @@ def close_loops(
         ``plant.linearize(x, u)``.
     controllers : dict or sequence
         One entry a mode, named by the dict (or "C0", "C1", ..). A gain array of shape (inputs, states) means
-        ``u = -K x``, the sign of `control.lqr`. A static `StateSpace` or `TransferFunction` means what
-        `control.feedback` means by it: ``u = -K y`` with ``y = C x + D u``; where its number of inputs fits the
-        states and not the outputs of the plant, it is fed by the state.
+        ``u = -K x``, the sign of `control.lqr`. A `StateSpace` or `TransferFunction` C means what `control.feedback`
+        means by it: ``u = -C y`` with ``y = C x + D u``; where its number of inputs fits the states and not the
+        outputs of the plant, it is fed by the state.
     dt : float, optional
         Sampling period in seconds. By default 0.01 for a continuous plant and its own for a sampled one.
     discretize : {"plant", "closed_loop"}, optional
         The order of sampling and closing the loop.
     Q : array_like, shape (n, n), optional
-        Weight of the state in the cost, symmetric positive semidefinite; the identity by default.
+        Weight of the plant's state in the cost (or of the whole state), symmetric positive semidefinite; the identity
+        by default: controllers' states cost nothing.
     R : array_like, shape (inputs, inputs), optional
         Weight of the control effort ``u' R u``, symmetric positive semidefinite; none by default. The stage
         weight of mode i is ``Q_i = Q + K_i' R K_i``.
+    sampling : str, (str, float), or dict of these by controller, optional
+        How continuous controllers are sampled: a method of `control.sample_system`, "tustin" by default, or such a
+        method with the frequency in rad/s at which it is to be exact, ``("tustin", 6.0)``.
+    inactive : str, tuple, or dict of these by controller, optional
+        What a controller does while it isn't active. ``"track"`` (default): an observer makes its state follow, so that
+        its output would match the one that acts; it takes over without a jump, and its state can't run away. The gain
+        may be given, ``("track", L)`` for ``xi+ = F xi + G y + L (-u - H xi - D y)``. ``"reset"``: it takes over from
+        zero, or ``("reset", Z)`` from ``Z x``. ``"hold"``: its state stays as it was; ``"run"``: it goes on in
+        parallel, fed by the plant.
+    initial : str, array_like, or dict of these by controller, optional
+        The controllers' states at the start, as a function of the plant's: ``"zero"`` (default), ``"settled"`` on the
+        plant's output at the start, or a matrix.
 
     Returns
     -------
-    ModeSet
-        With the state feedback that each controller amounts to in ``.gains``.
+    ClosedLoops
+        A `ModeSet` with the feedback of the whole state that each controller amounts to in ``.gains``, and the sampled
+        plant and controllers in ``.plant`` and ``.controllers``.
 
     Raises
     ------
     TypeError
-        If the plant or a controller is of another kind (nonlinear, dynamic, a response, ..).
+        If the plant or a controller is of another kind (nonlinear, a response, ..).
     ValueError
-        If shapes don't fit, an entry is not finite, timebases differ, or a loop is ill-posed (``I + K D``
-        singular).
+        If shapes don't fit, an entry is not finite, timebases differ, a transfer function is improper, a tracking gain
+        leaves its controller unstable, or a loop is ill-posed (``I + K D`` singular, or nearly so).
 
     Examples
     --------
-    >>> plant = control.ss([[0, 1], [0, 0]], [[0], [1]], np.eye(2), 0, name="axis")
-    >>> gains = {"stiff": [[40, 10]], "soft": [[1, 1]]}
-    >>> close_loops(plant, gains, dt=0.01)
-    ModeSet: 2 modes, 2 states, dt = 0.01 s
-    ├── 0  stiff  spectral radius 0.949737
-    └── 1  soft   spectral radius 0.995013
+    >>> plant = control.ss([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], 0, name="axis", states=["angle", "rate"])
+    >>> lead = control.tf([40, 40], [1, 10])
+    >>> modes = close_loops(plant, {"stiff": [[40, 10]], "lead": lead}, dt=0.01)
+    >>> modes
+    ModeSet: 2 modes, 3 states, dt = 0.01 s
+    ├── 0  stiff  spectral radius 0.986292
+    └── 1  lead   spectral radius 0.98569
+    >>> modes.states
+    ('angle', 'rate', 'lead.x[0]')
     """
     if discretize not in ("plant", "closed_loop"):
         raise ValueError(f"discretize is {discretize!r}; expected 'plant' or 'closed_loop'")
-    plant = _state_space(plant)
+    plant, continuous = plant_system(plant), discretize == "closed_loop"
     names, entries = _entries(controllers)
-    period = _period(plant, dt, entries)
-    gains = np.stack([_gain(plant, entry, name, period) for name, entry in zip(names, entries, strict=True)])
-    if plant.dt != 0 and discretize == "closed_loop":
+    period = common_period(plant, dt, entries, _DEFAULT_PERIOD)
+    if plant.dt != 0 and continuous:
         raise ValueError(
             f"the plant is already sampled (dt = {plant.dt}), so its loops can't be closed in continuous time; "
             "use discretize='plant' or give the continuous plant"
         )
-    with np.errstate(over="ignore", invalid="ignore"):
-        if discretize == "closed_loop":
-            modes = expm((plant.A - plant.B @ gains) * float(period))
-        else:
-            sampled = control.sample_system(plant, float(period), method="zoh") if plant.dt == 0 else plant
-            modes = sampled.A - sampled.B @ gains
-    if not np.isfinite(modes).all():
+    hows = _by_controller(sampling, names, "sampling")
+    each = [
+        controller(plant, entry, name, period, how, continuous)
+        for name, entry, how in zip(names, entries, hows, strict=True)
+    ]
+    behaviours, starts = _by_controller(inactive, names, "inactive"), _by_controller(initial, names, "initial")
+    for told, what in ((inactive, "inactive"), (initial, "initial"), (sampling, "sampling")):
+        _refuse_for_static(told, what, each)
+    together = assembled(plant, each, behaviours, starts, continuous)
+    if plant.dt == 0 and not continuous:
+        plant = sampled(plant, float(period), "zoh", "the plant")
+    A, gains = closed(plant, together)
+    if continuous:
+        A = np.stack([exact_step(Ai, float(period)) for Ai in A])
+        A = _made_good(A, plant.nstates, each, behaviours)
+    if not np.isfinite(A).all():
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
-    n = plant.nstates
-    weight = np.eye(n) if Q is None else _weight(Q, "Q", n)
+    n, z = plant.nstates, len(together.states)
+    weight = np.zeros((n + z, n + z))
+    weight[:n, :n] = np.eye(n)
+    if Q is not None:
+        given = real_array([[Q]] if np.ndim(Q) == 0 else Q, "Q")
+        size = n + z if given.shape == (n + z, n + z) else n
+        weight[:size, :size] = _weight(Q, "Q", size)
     if R is not None:
-        effort = _weight(R, "R", plant.ninputs)
-        weight = weight + np.swapaxes(gains, -1, -2) @ effort @ gains
-    return ModeSet(modes, names, period, Q=weight, gains=gains, states=plant.state_labels)
+        weight = weight + np.swapaxes(gains, -1, -2) @ _weight(R, "R", plant.ninputs) @ gains
+    identity, nothing = np.eye(n), np.zeros((n, z))
+    return ClosedLoops(
+        A,
+        names,
+        period,
+        Q=weight,
+        gains=gains,
+        states=(*plant.state_labels, *together.states),
+        plant_states=n,
+        activation=_blocks(np.broadcast_to(identity, (len(each), len(each), n, n)), nothing, together.Ex, together.E),
+        initial=np.vstack([identity, together.initial]),
+        plant=None if continuous else plant,
+        controllers=None if continuous else together,
+    )
+
+
+def closed(plant: control.StateSpace, controllers: Controllers) -> tuple[Array, Array]:
+    """The loops of one plant with each controller: the matrices of the whole state, and the feedback ``u = -K z``."""
+    A, B, C, D = plant.A, plant.B, plant.C, plant.D
+    loop = np.eye(plant.ninputs) + controllers.Hy @ D
+    for name, Hy, each in zip(controllers.names, controllers.Hy, loop, strict=True):
+        # of what cancels where the loop is ill-posed
+        size = 1 + np.linalg.norm(Hy, 2) * np.linalg.norm(D, 2)
+        condition = size / max(np.linalg.norm(each, -2), np.finfo(float).tiny)
+        if not condition < _ILL_POSED:
+            raise ValueError(
+                f"the loop of controllers[{name!r}] is ill-posed, or nearly so: I + K D, D the plant's feedthrough, "
+                f"has condition number {condition:.3g} (at most {_ILL_POSED:.0e} is accepted); change the gain or "
+                "the feedthrough"
+            )
+    gains = np.linalg.solve(loop, np.concatenate([controllers.Hx + controllers.Hy @ C, controllers.Hz], axis=2))
+    m, z = len(gains), len(controllers.states)
+    # x+ = A x + B u and zeta+ = F zeta + Gx x + Gy (C x + D u) + Gu u, with u = -K (x, zeta)
+    open_loop = _blocks(
+        np.broadcast_to(A, (m, *A.shape)), np.zeros((len(A), z)), controllers.Gx + controllers.Gy @ C, controllers.F
+    )
+    into = np.concatenate([np.broadcast_to(B, (m, *B.shape)), controllers.Gu + controllers.Gy @ D], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return open_loop - into @ gains, gains
+
+
+def _blocks(A: Array, B: Array, C: Array, D: Array) -> Array:
+    """The matrices [[A, B], [C, D]], one for each of a batch."""
+    B = np.broadcast_to(B, (*A.shape[:-2], *B.shape[-2:]))
+    return np.concatenate([np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2)
+
+
+def _made_good(A: Array, n: int, each: list[Any], behaviours: list[Inactive]) -> Array:
+    """What sampling a closed loop can't know or rounds: the states held, and those that wait for a reset at zero."""
+    begin = n
+    for j, c in enumerate(each):
+        own = slice(begin, begin := begin + len(c.F))
+        kind = behaviours[j] if isinstance(behaviours[j], str) else behaviours[j][0]
+        if kind in ("hold", "reset"):
+            others = np.arange(len(each)) != j
+            A[others, own] = 0.0
+            A[others, own, own] = np.eye(len(c.F)) * (kind == "hold")
+    return A
 
 
 def _weight(value: Any, name: str, n: int) -> Array:
     """A symmetric positive semidefinite matrix; a number will do for one by one."""
     return positive_semidefinite(real_array([[value]] if np.ndim(value) == 0 else value, name, (n, n)), name)
-
-
-def _state_space(plant: Any) -> control.StateSpace:
-    if isinstance(plant, control.TransferFunction):
-        try:
-            plant = control.ss(plant)
-        except control.ControlMIMONotImplemented:
-            raise ValueError(
-                "plant is a transfer function with several inputs or outputs, which python-control can't realise "
-                "without slycot; give it as a StateSpace"
-            ) from None
-    if not isinstance(plant, control.StateSpace):
-        hint = ""
-        if isinstance(plant, control.NonlinearIOSystem):
-            hint = "; linearise it about an equilibrium first: plant.linearize(x_equilibrium, u_equilibrium)"
-        raise TypeError(f"plant must be a StateSpace or TransferFunction, not a {type(plant).__name__}{hint}")
-    for name in "ABCD":
-        real_array(getattr(plant, name), f"plant.{name}")
-    if plant.nstates == 0 or plant.ninputs == 0:
-        raise control.ControlDimension(
-            f"plant has {plant.nstates} states and {plant.ninputs} inputs; expected at least one of each"
-        )
-    if plant.dt is None or plant.dt is False:
-        raise ValueError(f"plant.dt is {plant.dt}; say whether the plant is continuous (dt=0) or sampled (its period)")
-    return plant
-
-
-def _period(plant: control.StateSpace, dt: Any, controllers: list[Any]) -> float | bool:
-    """The sampling period of the modes: the plant's, the argument's or, where neither tells, a controller's."""
-    given = None if dt is None else sampling_period(dt)
-    if plant.dt == 0:
-        if given is True:
-            raise ValueError("dt is True, but the plant is continuous; expected a sampling period in seconds")
-        return _DEFAULT_PERIOD if given is None else given
-    own = sampling_period(plant.dt, "plant.dt")
-    if own is True and given in (None, True):
-        told = (getattr(controller, "dt", None) for controller in controllers)
-        return next((sampling_period(dt) for dt in told if dt not in (None, True, 0)), True)
-    if given is None or _same_period(own, given):
-        return given if own is True and given is not None else own
-    raise ValueError(f"dt is {given} s, but the plant is sampled with dt = {own} s; expected the same, or no dt")
-
-
-def _same_period(a: float | bool, b: float | bool) -> bool:
-    """Whether two discrete timebases agree; True, a period not told, agrees with any."""
-    return a is True or b is True or bool(np.isclose(a, b, rtol=1e-9, atol=0))
 
 
 def _entries(controllers: Any) -> tuple[list[str], list[Any]]:
@@ -163,56 +247,20 @@ def _entries(controllers: Any) -> tuple[list[str], list[Any]]:
     return names, entries
 
 
-def _gain(plant: control.StateSpace, controller: Any, name: str, period: float | bool) -> Array:
-    """The state feedback ``u = -K x`` that a static controller amounts to."""
-    label = f"controllers[{name!r}]"
-    if not isinstance(controller, control.InputOutputSystem):
-        if isinstance(controller, tuple) and len(controller) == 3 and np.ndim(controller[0]) == 2:
-            raise TypeError(f"{label} is a tuple of three, as control.lqr returns (K, S, E); pass K, its first entry")
-        gain = np.atleast_2d(real_array(controller, label))
-        if gain.shape != (plant.ninputs, plant.nstates):
-            raise control.ControlDimension(
-                f"{label} has shape {gain.shape}; expected {(plant.ninputs, plant.nstates)}: the plant has "
-                f"{plant.ninputs} inputs and {plant.nstates} states"
-            )
-        return gain
-    if isinstance(controller, control.TransferFunction) and controller.issiso():
-        controller = control.ss(controller)
-    if not isinstance(controller, control.StateSpace):
-        raise TypeError(f"{label} must be a gain array or a static StateSpace, not a {type(controller).__name__}")
-    if controller.nstates > 0:
-        raise TypeError(
-            f"{label} has {controller.nstates} states; expected a static controller: a gain array or a StateSpace "
-            "without states"
-        )
-    _check_timebase(plant, controller, label, period)
-    D = real_array(controller.D, f"{label}.D")
-    if controller.noutputs != plant.ninputs or controller.ninputs not in (plant.noutputs, plant.nstates):
-        raise control.ControlDimension(
-            f"{label} has {controller.ninputs} inputs and {controller.noutputs} outputs; expected {plant.noutputs} "
-            f"inputs (the plant's outputs) and {plant.ninputs} outputs (the plant's inputs)"
-        )
-    if controller.ninputs != plant.noutputs:
-        return D
-    # u = -D (C x + D_plant u), so (I + D D_plant) u = -D C x
-    loop = np.eye(plant.ninputs) + D @ plant.D
-    size = 1 + np.linalg.norm(D, 2) * np.linalg.norm(plant.D, 2)  # of what cancels where the loop is ill-posed
-    condition = size / max(np.linalg.norm(loop, -2), np.finfo(float).tiny)
-    if not condition < 1e12:
-        raise ValueError(
-            f"the loop of {label} is ill-posed: I + K D, D the plant's feedthrough, is singular to working accuracy "
-            f"(condition number {condition:.3g}); change the gain or the feedthrough"
-        )
-    return np.linalg.solve(loop, D @ plant.C)
+def _by_controller(value: Any, names: list[str], argument: str) -> list[Any]:
+    """One entry for each controller, from one for all or a dict."""
+    default = {"sampling": "tustin", "inactive": "track", "initial": "zero"}[argument]
+    if not isinstance(value, Mapping):
+        return [value] * len(names)
+    for name in value:
+        if name not in names:
+            raise KeyError(f"{argument} names {name!r}, and the controllers are {', '.join(map(str, names))}")
+    return [value.get(name, default) for name in names]
 
 
-def _check_timebase(plant: control.StateSpace, controller: Any, label: str, period: float | bool) -> None:
-    """A controller with a timebase must run in the plant's, or at the sampling period of the modes."""
-    dt = controller.dt
-    if dt is None or (dt == 0 and plant.dt == 0):
-        return
-    if dt == 0 or not _same_period(dt, period):
-        raise ValueError(
-            f"{label} has dt = {dt}, but the modes are sampled with dt = {period}; expected the same timebase "
-            "(a static controller may leave its dt unset)"
-        )
+def _refuse_for_static(value: Any, argument: str, each: list[Any]) -> None:
+    """A choice made for a controller without states would be ignored."""
+    if isinstance(value, Mapping):
+        for c in each:
+            if c.name in value and len(c.F) == 0:
+                raise ValueError(f"{argument} names {c.name!r}, which has no states of its own; leave it out")

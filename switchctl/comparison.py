@@ -10,7 +10,7 @@ import numpy as np
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Constant, Method, single_mode_costs
-from switchctl.methods.base import check_state
+from switchctl.methods.base import initial_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, constant_w2
@@ -62,7 +62,7 @@ class Comparison:
     @property
     def single_w2(self) -> Array:
         """W2 of each mode held from the start, shape (m, steps)."""
-        return constant_w2(self.modes.A, self.x0.second_moment, self.steps)
+        return constant_w2(self.modes.A, self.x0.second_moment, self.steps, self.modes.plant_states)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return one record for each single mode and each schedule.
@@ -198,7 +198,7 @@ def compare(
         raise ValueError("methods is empty; give at least one method")
     if len(labelled) < len(pairs):
         raise ValueError("methods holds two that read the same; give a dict with a label for each")
-    check_state(modes, x0)
+    x0 = initial_state(modes, x0)
     for label in labelled:
         if not isinstance(label, str):
             raise TypeError(f"methods is labelled with {label!r}; labels are strings")

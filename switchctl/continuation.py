@@ -100,8 +100,8 @@ class Continuations:
     def before(self, v: int, mode: int, value: Value) -> Value:
         """What a step in a mode from a node and then a way of known value cost."""
         modes = self.graph.modes
-        step = switched(self.graph, v, mode, Value(modes.Q[mode], self.graph.price[mode]))
-        return Value(step.P + transform(modes.A[mode], value.P), step.constant + value.constant)
+        P = modes.Q[mode] + transform(modes.A[mode], value.P)
+        return switched(self.graph, v, mode, Value(P, self.graph.price[mode] + value.constant))
 
     def value(self, v: int, number: int) -> Value:
         """What a way (by its number) that is finite there costs from a node, with the switch to it."""
@@ -159,10 +159,13 @@ def as_rows(graph: SwitchingGraph, values: Sequence[Value]) -> tuple[Array, Arra
 
 
 def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:
-    """Add to the value of what begins with a mode the cost of switching to it at a node."""
+    """The value of what begins with a mode, before the switch to it at a node and with what that costs."""
     before, dk = graph.last_mode[v], graph.modes.dk
     fixed, by_w2 = graph.switch_cost[before, mode] / dk, graph.switch_cost_per_w2[before, mode] / dk
-    return Value(value.P + by_w2 * np.eye(len(value.P)) if by_w2 else value.P, float(value.constant + fixed))
+    P = value.P
+    if graph.modes.activation is not None and before >= 0:
+        P = transform(graph.modes.activation[before, mode], P)
+    return Value(P + by_w2 * graph.modes.distance if by_w2 else P, float(value.constant + fixed))
 
 
 def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> Plan:

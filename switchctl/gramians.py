@@ -5,6 +5,7 @@ one linear functional of the second moment.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from switchctl.moments import Array
 
@@ -101,8 +102,33 @@ def is_schur(A: Array) -> bool:
     )
 
 
+def seen(A: Array, Q: Array) -> NDArray[np.bool_]:
+    """Which states the cost sees, sooner or later: those with a weight, and those that move a state it sees.
+
+    The others, such as the state of a controller that holds it while another one acts, may do what they like.
+
+    Parameters
+    ----------
+    A, Q : arrays, shape (..., n, n)
+        Modes and their positive semidefinite stage weights.
+
+    Returns
+    -------
+    bool array, shape (..., n)
+
+    Examples
+    --------
+    >>> seen(np.array([[0.5, 0.0], [1.0, 1.0]]), np.diag([1.0, 0.0]))
+    array([ True, False])
+    """
+    states = np.diagonal(Q, axis1=-2, axis2=-1) > 0
+    for _ in range(A.shape[-1]):
+        states = states | ((A != 0) & states[..., :, None]).any(axis=-2)
+    return states
+
+
 def tail(A: Array, Q: Array) -> Array | None:
-    """The Lyapunov solution ``P = Q + A' P A``: the mode's cost matrix for ever, checked before it is returned.
+    """What a mode costs for ever, ``P = sum_k A'^k Q A^k = Q + A' P A``, checked before it is returned.
 
     Doubling, ``P <- P + M' P M``, ``M <- M M`` from ``P = Q``, ``M = A``, only adds positive semidefinite terms. The
     answer is checked by its residual (docs/theory.md, "Tails").
@@ -115,7 +141,7 @@ def tail(A: Array, Q: Array) -> Array | None:
     Returns
     -------
     array, shape (n, n), or None
-        None where the mode is not Schur (see `is_schur`).
+        None where the mode is not Schur (see `is_schur`) on the states that the cost sees (see `seen`).
 
     Raises
     ------
@@ -129,8 +155,12 @@ def tail(A: Array, Q: Array) -> Array | None:
     >>> tail(np.array([[1.0]]), np.array([[3.0]])) is None
     True
     """
+    states = np.ix_(*[np.flatnonzero(seen(A, Q))] * 2)
+    whole, A, Q = np.zeros_like(Q), A[states], Q[states]
     if not is_schur(A):
         return None
+    if len(A) == 0:
+        return whole
     P = _doubled(A, Q)
     # D_ii is the size of what is added up in the residual R. |x' R x| <= r x' D x, with r the norm of R scaled by
     # D^(-1/2) on both sides; so the error of P is at most r Z, Z = D + A' Z A, and Z at most twice the computed one.
@@ -143,7 +173,8 @@ def tail(A: Array, Q: Array) -> Array | None:
             f"the cost for ever cannot be computed to a relative error of {_ACCURACY} (spectral radius "
             f"{np.abs(np.linalg.eigvals(A)).max():.12g}, greatest entry {np.abs(P).max():.3g}): rescale the states"
         )
-    return P
+    whole[states] = P
+    return whole
 
 
 def _scaled_norm(R: Array, D: Array) -> float:

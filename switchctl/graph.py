@@ -252,12 +252,12 @@ class SwitchingGraph:
         ------
         Edge
         """
-        modes, n = self.modes, self.modes.A.shape[-1]
+        modes = self.modes
         for v, i in np.argwhere(self.successor >= 0):
             before = self.last_mode[v]
-            Q = modes.dk * modes.Q[i] + self.switch_cost_per_w2[before, i] * np.eye(n)
+            Q = modes.dk * modes.Q_after[before, i] + self.switch_cost_per_w2[before, i] * modes.distance
             constant = float(modes.dk * self.price[i] + self.switch_cost[before, i])
-            yield Edge(int(v), int(self.successor[v, i]), int(i), modes.A[i], Q, constant)
+            yield Edge(int(v), int(self.successor[v, i]), int(i), modes.A_after[before, i], Q, constant)
 
     def walk(self, sequence: Iterable[int], node: int = 0) -> NDArray[np.intp]:
         """The nodes along a sequence of modes.

@@ -44,6 +44,7 @@ class Limits:
     switch_cost: Array
     switch_cost_per_w2: Array
     price: Array
+    activates: bool
 
     @property
     def remembers_mode(self) -> bool:
@@ -55,6 +56,7 @@ class Limits:
             or self.max_switches is not None
             or self.switch_cost.any()
             or self.switch_cost_per_w2.any()
+            or self.activates
         )
 
 
@@ -92,6 +94,7 @@ def limits(modes: ModeSet, rules: Rules) -> Limits:
         _pair_costs(modes, rules.switch_cost, "switch_cost"),
         _pair_costs(modes, rules.switch_cost_per_w2, "switch_cost_per_w2"),
         np.array(_by_mode(modes, rules.price, "price", 0.0)),
+        modes.activation is not None,
     )
 
 

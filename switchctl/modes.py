@@ -9,10 +9,10 @@ import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
-from switchctl.gramians import is_schur, tail
+from switchctl.gramians import is_schur, tail, transform
 from switchctl.moments import Array
 from switchctl.tables import html_table
-from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period
+from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period, whole_number
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -81,11 +81,20 @@ class ModeSet:
         Sampling period in seconds, or True (default) for steps without one.
     Q : array_like, shape (n, n) or (m, n, n), optional
         Stage weight, symmetric positive semidefinite, for all modes or one each: a sample in mode i costs
-        ``tr(Q_i S)``. The identity by default, which makes the cost the squared Wasserstein distance.
+        ``tr(Q_i S)``. By default the identity on the plant's states, which makes the cost the squared Wasserstein
+        distance.
     gains : array_like, shape (m, inputs, n), optional
         The gains ``u = -K_i x`` behind the modes, where known.
     states : sequence of str, optional
         Names of the states; "x[0]", "x[1]", .. by default.
+    plant_states : int, optional
+        How many of the states, the first ones, are the plant's: W2 is their distance. All by default. Those of
+        controllers follow them.
+    activation : array_like, shape (m, m, n, n), optional
+        What a switch does to the state: where mode i takes over from mode j, its first step begins from
+        ``activation[j, i] @ x``. The identity, nothing, by default; also needed for i = j.
+    initial : array_like, shape (n, plant_states), optional
+        The state at the start as a linear function of the plant's; by default controllers' states begin at zero.
 
     Raises
     ------
@@ -108,6 +117,9 @@ class ModeSet:
     Q: Array
     gains: Array | None
     states: tuple[str, ...]
+    plant_states: int
+    activation: Array | None
+    initial: Array
 
     def __init__(
         self,
@@ -118,10 +130,16 @@ class ModeSet:
         Q: Any = None,
         gains: Any = None,
         states: Iterable[str] | None = None,
+        plant_states: int | None = None,
+        activation: Any = None,
+        initial: Any = None,
     ) -> None:
         A = _stack(matrices)
         m, n, _ = A.shape
-        weight = np.eye(n) if Q is None else real_array(Q, "Q")
+        p = n if plant_states is None else whole_number(plant_states, "plant_states")
+        if p > n:
+            raise ValueError(f"plant_states is {p}, but the modes have {n} states")
+        weight = np.diag((np.arange(n) < p).astype(float)) if Q is None else real_array(Q, "Q")
         if weight.shape not in ((n, n), (m, n, n)):
             raise ControlDimension(f"Q has shape {weight.shape}; expected {(n, n)} or {(m, n, n)}")
         fields = {
@@ -131,12 +149,16 @@ class ModeSet:
             "Q": np.broadcast_to(positive_semidefinite(weight, "Q"), A.shape),
             "gains": None if gains is None else frozen(real_array(gains, "gains", (m, None, n))),
             "states": _names(states, n, "states", "x[{}]"),
+            "plant_states": p,
+            "activation": _activation(activation, m, n),
+            "initial": frozen(np.eye(n, p) if initial is None else _initial(initial, n, p)),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        rebuild = partial(type(self), Q=self.Q, gains=self.gains, states=self.states)
+        rest = ("Q", "gains", "states", "plant_states", "activation", "initial")
+        rebuild = partial(type(self), **{name: getattr(self, name) for name in rest})
         return rebuild, (self.A, self.names, self.dt)  # so that copies are checked and read-only too
 
     @property
@@ -145,15 +167,50 @@ class ModeSet:
         return 1.0 if self.dt is True else float(self.dt)
 
     @cached_property
+    def A_after(self) -> Array:
+        """The first step of a mode that takes over, ``A_i activation[j, i]``, by the mode before and the mode.
+
+        Shape (m + 1, m, n, n); the last row, -1, is for none before.
+        """
+        if self.activation is None:
+            return np.broadcast_to(self.A, (len(self) + 1, *self.A.shape))
+        return frozen(np.concatenate([self.A @ self.activation, self.A[None]]))
+
+    @cached_property
+    def Q_after(self) -> Array:
+        """What that step costs, as a weight of the state before the switch, shape (m + 1, m, n, n)."""
+        if self.activation is None:
+            return np.broadcast_to(self.Q, (len(self) + 1, *self.Q.shape))
+        return frozen(np.concatenate([transform(self.activation, self.Q), self.Q[None]]))
+
+    @cached_property
+    def every_step(self) -> tuple[Array, Array]:
+        """All different steps that a run may take: their matrices and weights, those without a switch first."""
+        if self.activation is None:
+            return self.A, self.Q
+        pairs = [
+            (j, i)
+            for j, i in np.ndindex(self.activation.shape[:2])
+            if not np.array_equal(self.activation[j, i], np.eye(self.A.shape[-1]))
+        ]
+        j, i = (np.array(indices) for indices in zip(*pairs, strict=True))
+        return np.concatenate([self.A, self.A_after[j, i]]), np.concatenate([self.Q, self.Q_after[j, i]])
+
+    @cached_property
+    def distance(self) -> Array:
+        """The weight D of the distance, ``W2 = tr(D S)``: 1 for the plant's states, shape (n, n)."""
+        return frozen(np.diag((np.arange(self.A.shape[-1]) < self.plant_states).astype(float)))
+
+    @cached_property
     def spectral_radii(self) -> Array:
         """``rho(A_i)``, shape (m,)."""
         return frozen(np.abs(np.linalg.eigvals(self.A)).max(axis=-1))
 
     @cached_property
     def tails(self) -> tuple[Array | None, ...]:
-        """The Lyapunov solutions ``P_i = Q_i + A_i' P_i A_i``, or None where a mode is not Schur.
+        """What each mode costs for ever, ``P_i = Q_i + A_i' P_i A_i``, or None where that is infinite (see `tail`).
 
-        Raises `numpy.linalg.LinAlgError` where one can't be computed well enough (see `tail`).
+        Raises `numpy.linalg.LinAlgError` where one can't be computed well enough.
         """
         tails = [self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self))]
         return tuple(None if P is None else frozen(P) for P in tails)
@@ -258,6 +315,24 @@ def _stack(matrices: Any) -> Array:
     if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
         raise ControlDimension(f"matrices has shape {array.shape}; expected (m, n, n), m and n at least 1")
     return array
+
+
+def _activation(value: Any, m: int, n: int) -> Array | None:
+    """The maps of switches; None where they all do nothing."""
+    if value is None:
+        return None
+    maps = real_array(value, "activation", (m, m, n, n))
+    for i in range(m):
+        if not np.array_equal(maps[i, i], np.eye(n)):
+            raise ValueError(f"activation[{i}, {i}] must be the identity: a mode that goes on is not activated")
+    return None if (maps == np.eye(n)).all() else frozen(maps)
+
+
+def _initial(value: Any, n: int, p: int) -> Array:
+    initial = real_array(value, "initial", (n, p))
+    if not np.array_equal(initial[:p], np.eye(p)):
+        raise ValueError(f"initial must begin with the identity, since the first {p} states are the plant's own")
+    return initial
 
 
 def _names(names: Iterable[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:

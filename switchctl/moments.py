@@ -6,7 +6,9 @@ matrices are flattened by the isometric half-vectorisation `svec`, in which a st
 cost ``tr(Q S)`` one dot product.
 """
 
+from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,15 +133,15 @@ def second_moment(mean: Array, cov: Array) -> Array:
     return mean[..., :, None] * mean[..., None, :] + cov
 
 
-def trajectory(A: Array, sequence: NDArray[np.intp], F: Array) -> Array:
-    """Moment factors along a switching sequence.
+def trajectory(A: Array, steps: Iterable[Any], F: Array) -> Array:
+    """Moment factors along a run.
 
     Parameters
     ----------
-    A : array, shape (m, n, n)
-        The modes.
-    sequence : int array, shape (N,)
-        The mode of each step.
+    A : array, shape (..., n, n)
+        The matrices of steps.
+    steps : iterable of N indices
+        Which of them each step takes.
     F : array, shape (n, n + 1)
         The initial moment factor.
 
@@ -147,14 +149,13 @@ def trajectory(A: Array, sequence: NDArray[np.intp], F: Array) -> Array:
     -------
     array, shape (N + 1, n, n + 1)
     """
-    factors = np.empty((len(sequence) + 1, *F.shape))
-    factors[0] = F
-    for k, mode in enumerate(sequence):
-        np.matmul(A[mode], factors[k], out=factors[k + 1])
-    return factors
+    factors = [F]
+    for step in steps:
+        factors.append(A[step] @ factors[-1])
+    return np.array(factors)
 
 
-def constant_w2(A: Array, S: Array, steps: int) -> Array:
+def constant_w2(A: Array, S: Array, steps: int, plant_states: int | None = None) -> Array:
     """W2 of every mode held from the start, ``tr(A^k S A'^k)``, all modes at once.
 
     Parameters
@@ -165,6 +166,8 @@ def constant_w2(A: Array, S: Array, steps: int) -> Array:
         The initial second moment.
     steps : int
         The number of samples, k = 0 .. steps - 1.
+    plant_states : int, optional
+        How many of the states, the first ones, count; all by default.
 
     Returns
     -------
@@ -175,7 +178,8 @@ def constant_w2(A: Array, S: Array, steps: int) -> Array:
     F = np.broadcast_to(_root(S), A.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(steps):
-            w2[:, k] = np.einsum("mij,mij->m", F, F)
+            counted = F[:, :plant_states]
+            w2[:, k] = np.einsum("mij,mij->m", counted, counted)
             F = A @ F
     return np.where(np.isnan(w2), np.inf, w2)  # inf - inf is beyond the range
 

@@ -16,7 +16,7 @@ from switchctl.validation import number
 if TYPE_CHECKING:
     from switchctl.result import Schedule
 
-VERSION = 3
+VERSION = 4
 """Of schedule files."""
 _NEEDED = "cost edges lead lengthened lower_bound method rules sequence statistics status tail terminal"
 
@@ -33,6 +33,9 @@ def plain_system(graph: SwitchingGraph, x0: Gaussian) -> dict[str, Any]:
         "A": modes.A.tolist(),
         "Q": modes.Q.tolist(),
         "gains": None if modes.gains is None else modes.gains.tolist(),
+        "plant_states": modes.plant_states,
+        "activation": None if modes.activation is None else modes.activation.tolist(),
+        "initial": modes.initial.tolist(),
         "rules": _plain_record(graph.rules),
         "edges": graph.automaton_edges,
     }
@@ -47,6 +50,9 @@ def read_system(document: Mapping[str, Any]) -> tuple[SwitchingGraph, Gaussian]:
         Q=document["Q"],
         gains=document["gains"],
         states=read_list(document["states"]),
+        plant_states=document["plant_states"],
+        activation=document["activation"],
+        initial=document["initial"],
     )
     told = _read(document["rules"])
     if not isinstance(told, dict):

@@ -17,7 +17,7 @@ from switchctl.continuation import lasting
 from switchctl.files import FormatError, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
-from switchctl.methods.base import check_state
+from switchctl.methods.base import initial_state
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
@@ -107,7 +107,7 @@ class Schedule:
     terminal: Any = None
 
     def __post_init__(self) -> None:
-        check_state(self.modes, self.x0)
+        object.__setattr__(self, "x0", initial_state(self.modes, self.x0))
         sequence = np.array([self.modes.index(mode) for mode in self.sequence], dtype=np.intp)
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
@@ -155,14 +155,14 @@ class Schedule:
     @cached_property
     def _run(self) -> tuple[Array, Array, Gaussian]:
         """W2 and stage cost of each step, and the Gaussian after the last."""
-        A, Q = self.modes.A, self.modes.Q
+        A, Q, plant = self.modes.A_after, self.modes.Q_after, self.modes.plant_states
         F = moment_factor(self.x0.mean, self.x0.cov)
         w2, stage = np.empty(len(self)), np.empty(len(self))
         with np.errstate(over="ignore", invalid="ignore"):
-            for k, mode in enumerate(self.sequence):
-                w2[k] = np.vdot(F, F)
-                stage[k] = np.vdot(F, Q[mode] @ F)
-                F = A[mode] @ F
+            for k, step in enumerate(zip(self._before, self.sequence, strict=True)):
+                w2[k] = np.sum(F[:plant] ** 2)
+                stage[k] = np.vdot(F, Q[step] @ F)
+                F = A[step] @ F
             left = np.flatnonzero(~np.isfinite([*w2, np.vdot(F, F)]))
         if len(left):
             raise FloatingPointError(f"W2 exceeds the floating-point range after step {left[0] - 1}")
@@ -175,20 +175,27 @@ class Schedule:
 
     @property
     def w2(self) -> Array:
-        """Squared Wasserstein distance to the origin, ``tr S_k``, shape (N,)."""
+        """Squared Wasserstein distance of the plant's state to the origin, ``tr S_k``, shape (N,)."""
         return self._run[0]
+
+    @property
+    def _before(self) -> NDArray[np.intp]:
+        """The mode before each step; -1 for none."""
+        return np.concatenate([self.graph.last_mode[:1], self.sequence[:-1]])
 
     @cached_property
     def mean(self) -> Array:
         """Mean of the state, shape (n, N): time runs along the last axis, as in python-control."""
-        return frozen(trajectory(self.modes.A, self.sequence[:-1], self.x0.mean[:, None])[:, :, 0].T)
+        return frozen(self._trajectory(self.x0.mean[:, None])[:, :, 0].T)
 
     @cached_property
     def cov(self) -> Array:
         """Covariance of the state, shape (N, n, n)."""
-        root = moment_factor(self.x0.mean, self.x0.cov)[:, 1:]
-        roots = trajectory(self.modes.A, self.sequence[:-1], root)
+        roots = self._trajectory(moment_factor(self.x0.mean, self.x0.cov)[:, 1:])
         return frozen(roots @ np.swapaxes(roots, -1, -2))
+
+    def _trajectory(self, F: Array) -> Array:
+        return trajectory(self.modes.A_after, zip(self._before[:-1], self.sequence[:-1], strict=True), F)
 
     @property
     def final(self) -> Gaussian:
@@ -199,7 +206,7 @@ class Schedule:
     def _parts(self) -> tuple[CostParts, CostParts]:
         """The cost of the steps and of what follows them."""
         graph, dk, (w2, stage, final) = self.graph, self.modes.dk, self._run
-        before = np.concatenate([graph.last_mode[:1], self.sequence[:-1]])
+        before = self._before
         switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
         steps = CostParts(float(dk * stage.sum()), float(switching.sum()), float(dk * graph.price[self.sequence].sum()))
         if self.terminal is not None:

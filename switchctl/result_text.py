@@ -32,7 +32,12 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
         ("cost", _told(lambda: f"{schedule.cost:.6g}  (with {_after(schedule)})")),
         ("of which", _told(lambda: _parts(schedule))),
         ("proven", _told(lambda: _proven(schedule))),
-        ("W2", _told(lambda: f"{schedule.w2[0]:.6g} -> {schedule.final.w2():.6g}")),
+        (
+            "W2",
+            _told(
+                lambda: f"{schedule.w2[0]:.6g} -> {np.sum(schedule.modes.distance * schedule.final.second_moment):.6g}"
+            ),
+        ),
         ("switches", f"{len(switches)}" + (f" ({', '.join(first)}{more})" if switches else "")),
         ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
         ("budget", _budget(schedule)),

@@ -3,7 +3,7 @@
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
-from switchctl.methods.base import check_state
+from switchctl.methods.base import initial_state
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.modes import ModeSet
 from switchctl.moments import moment_factor
@@ -64,7 +64,7 @@ def schedule(
     >>> schedule(modes, x0, RecedingHorizon(horizon=20), rules=Rules(min_dwell=10)).switches
     (Switch(step=10, before=1, after=0),)
     """
-    check_state(modes, x0)
+    x0 = initial_state(modes, x0)
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
     steps = None if steps is None else whole_number(steps, "steps")

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.methods import RecedingHorizon, best_single_mode, single_mode_costs
-from switchctl.methods.base import check_state
+from switchctl.methods.base import initial_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
@@ -120,7 +120,7 @@ def sweep(
     for name, values in (("horizons", horizons), ("holds", holds)):
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise TypeError(f"{name} must be a sequence of settings to try, not {values!r}")
-    check_state(modes, x0)
+    x0 = initial_state(modes, x0)
     horizons, holds = tuple(horizons), tuple(holds)
     settings = [[RecedingHorizon(T, hold, decrease) for hold in holds] for T in horizons]
     if not settings or not settings[0]:

@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from switchctl.gramians import word_tail
+from switchctl.gramians import transform, word_tail
 from switchctl.graph import SwitchingGraph
+from switchctl.modes import ModeSet
 from switchctl.moments import Array
 
 
@@ -35,24 +36,33 @@ def tail_parts(graph: SwitchingGraph, before: int, lead: tuple[int, ...], word: 
     -------
     CostParts
     """
-    A, Q, dk = graph.modes.A, graph.modes.Q, graph.modes.dk
+    modes, dk = graph.modes, graph.modes.dk
     state = switching = running = 0.0
     for mode in lead:
-        state += dk * np.sum(Q[mode] * S)
-        switching += graph.switch_cost[before, mode] + graph.switch_cost_per_w2[before, mode] * np.trace(S)
+        A = modes.A_after[before, mode]
+        state += dk * np.sum(modes.Q_after[before, mode] * S)
+        switching += _switch(graph, before, mode, S)
         running += dk * graph.price[mode]
-        before, S = mode, A[mode] @ S @ A[mode].T
+        before, S = mode, A @ S @ A.T
     by_state, by_switches = word_costs(graph, word)
+    switching += _switch(graph, before, word[0], S)
+    if modes.activation is not None:
+        E = modes.activation[before, word[0]] if before >= 0 else np.eye(len(S))
+        S = E @ S @ E.T
     state += np.inf if by_state is None else float(dk * np.sum(by_state * S))
-    switching += graph.switch_cost[before, word[0]] + graph.switch_cost_per_w2[before, word[0]] * np.trace(S)
     switching += np.inf if by_switches is None else float(np.sum(by_switches * S))
     if graph.price[list(word)].any():
         running = np.inf
     return CostParts(float(state), float(switching), float(running))
 
 
+def _switch(graph: SwitchingGraph, before: int, mode: int, S: Array) -> float:
+    w2 = np.sum(graph.modes.distance * S)
+    return float(graph.switch_cost[before, mode] + graph.switch_cost_per_w2[before, mode] * w2)
+
+
 def word_value(graph: SwitchingGraph, word: tuple[int, ...]) -> Array | None:
-    """Cost matrix per dk of a word repeated for ever, apart from the switch to its first mode.
+    """Cost matrix per dk of a word repeated for ever, after the switch to its first mode.
 
     Parameters
     ----------
@@ -73,7 +83,7 @@ def word_value(graph: SwitchingGraph, word: tuple[int, ...]) -> Array | None:
 
 
 def word_costs(graph: SwitchingGraph, word: tuple[int, ...]) -> tuple[Array | None, Array | None]:
-    """Cost matrices of a word repeated for ever, apart from the switch to its first mode.
+    """Cost matrices of a word repeated for ever, after the switch to its first mode.
 
     Parameters
     ----------
@@ -87,12 +97,22 @@ def word_costs(graph: SwitchingGraph, word: tuple[int, ...]) -> tuple[Array | No
     state, switching : arrays, shape (n, n), or None
         What the state costs, per dk, and what switches cost; None where it is infinite.
     """
-    state = word_tail(graph.modes.A, graph.modes.Q, word)
-    here, before = np.array(word), np.array([word[-1], *word[:-1]])
-    by_w2, identity = graph.switch_cost_per_w2[before, here], np.eye(graph.modes.A.shape[-1])
+    modes, here, before = graph.modes, np.array(word), np.array([word[-1], *word[:-1]])
+    A, Q = modes.A_after[before, here], modes.Q_after[before, here]
+    state = _after_switch(modes, word, A, Q, modes.Q[word[0]])
     if graph.switch_cost[before, here].any():
         return state, None
-    if not by_w2.any():
-        return state, np.zeros_like(identity)
-    switching = word_tail(graph.modes.A[here], by_w2[:, None, None] * identity, tuple(range(len(word))))
-    return state, None if switching is None else switching - by_w2[0] * identity
+    by_w2 = graph.switch_cost_per_w2[before, here, None, None] * modes.distance
+    return state, _after_switch(modes, word, A, by_w2, np.zeros_like(modes.distance))
+
+
+def _after_switch(modes: ModeSet, word: tuple[int, ...], A: Array, Q: Array, first: Array) -> Array | None:
+    """What steps A at the costs Q cost, repeated for ever, where the first one begins after its switch."""
+    if not Q.any():
+        return np.zeros_like(first)
+    P = word_tail(A, Q, tuple(range(len(word))))
+    if P is None or (np.array_equal(A[0], modes.A[word[0]]) and np.array_equal(Q[0], first)):
+        return P
+    for k in range(len(word) - 1, 0, -1):
+        P = Q[k] + transform(A[k], P)
+    return first + transform(modes.A[word[0]], P)

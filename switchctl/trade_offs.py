@@ -11,7 +11,7 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.limits import TooManyNodes
 from switchctl.methods import Method, Refine
-from switchctl.methods.base import InfiniteCostError, check_state
+from switchctl.methods.base import InfiniteCostError, initial_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
@@ -163,7 +163,7 @@ def trade_off(
     20         15.8208         15.8208         1              20
     40          18.647          18.647         1              40
     """
-    check_state(modes, x0)
+    x0 = initial_state(modes, x0)
     if rules is not None and not isinstance(rules, Rules):
         raise TypeError(f"rules must be Rules(..), of which one is varied, not a {type(rules).__name__}")
     rules, method = Rules() if rules is None else rules, Refine() if method is None else method

@@ -16,7 +16,7 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, second_moment, svec
-from switchctl.validation import positive_semidefinite, real_array
+from switchctl.validation import positive_semidefinite, real_array, symmetric
 
 
 class InfiniteCostError(ValueError):
@@ -290,14 +290,20 @@ class Method(ABC):
         return f"{type(self).__name__}({', '.join(told)})"
 
 
-def check_state(modes: ModeSet, x0: Gaussian) -> None:
-    """Refuse an initial state that is not one Gaussian of the modes' dimension."""
+def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
+    """The Gaussian of all states at the start, from that or from the plant's alone."""
     if not isinstance(modes, ModeSet):
         raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
     if not isinstance(x0, Gaussian):
         raise TypeError(
             f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
         )
-    n = modes.A.shape[-1]
-    if x0.mean.shape != (n,):
-        raise ControlDimension(f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},)")
+    n, p, M = modes.A.shape[-1], modes.plant_states, modes.initial
+    if x0.mean.shape == (n,):
+        return x0
+    if x0.mean.shape == (p,):
+        return Gaussian(M @ x0.mean, symmetric(M @ x0.cov @ M.T, "cov"))
+    plant = f", or of the {p} of the plant, so ({p},)" if p < n else ""
+    raise ControlDimension(
+        f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},){plant}"
+    )

@@ -7,7 +7,7 @@ import numpy as np
 from switchctl.continuation import Continuations, Nodes, Plan, policy_path, way_to_hold
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import Method, Scheduler, check_state, least_cost
+from switchctl.methods.base import Method, Scheduler, initial_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
 
@@ -80,7 +80,7 @@ def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
     >>> single_mode_costs(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]]))
     array([12., inf])
     """
-    check_state(modes.modes if isinstance(modes, SwitchingGraph) else modes, x0)
+    x0 = initial_state(modes.modes if isinstance(modes, SwitchingGraph) else modes, x0)
     graph = as_graph(modes)
     S, costs = x0.second_moment, np.full(len(graph.modes), np.inf)
     ways = Continuations(graph)
@@ -92,7 +92,7 @@ def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
 
 
 def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:
-    """Return the Schur mode that costs least when held for ever; of modes that tie, the first.
+    """Return the mode that costs least when held for ever; of modes that tie, the first.
 
     Parameters
     ----------
@@ -108,21 +108,22 @@ def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:
     Raises
     ------
     ValueError
-        If no mode is Schur.
+        If none costs finitely much (see `tail`).
 
     Examples
     --------
     >>> best_single_mode(ModeSet([[[0.5]], [[2.0]]]), Gaussian([3.0], [[0.0]])).name
     'A0'
     """
-    check_state(modes, x0)
+    x0 = initial_state(modes, x0)
     require_schur(modes, "the best single mode")
-    return modes[least_cost(single_mode_costs(modes, x0), modes.schur)]
+    costs = single_mode_costs(modes, x0)
+    return modes[least_cost(costs, np.isfinite(costs))]
 
 
 def require_schur(modes: ModeSet, what: str) -> None:
-    """Raise unless at least one mode is Schur stable."""
-    if not modes.schur.any():
+    """Raise unless at least one mode costs finitely much for ever: is Schur stable, as far as the cost sees it."""
+    if all(P is None for P in modes.tails):
         radii = ", ".join(f"{n}: {r:.6g}" for n, r in zip(modes.names, modes.spectral_radii, strict=True))
         raise ValueError(
             f"{what} needs a Schur mode (spectral radius below 1), and none of these is: {radii}; "

@@ -102,7 +102,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
     @cached_property
     def bounds(self) -> Array:
         """What goes on from a moment costs at least ``max_j bounds[j] . svec(S)``."""
-        return lower_bounds(self.modes.A, self.modes.Q)
+        return lower_bounds(*self.modes.every_step)
 
     def search(self, S: Array) -> Plan:
         self.best, self.compared = np.inf, 0
@@ -116,7 +116,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
                     for i in firsts:
                         left = switches - (before >= 0 and i != before)
                         if left >= 0:
-                            self._explore(0, i, s, self.switch(graph.last_mode[0], i, s), left, ())
+                            self._explore(0, i, self.arrive(before, i, s), self.switch(before, i, s), left, ())
                     if not self.used_up:
                         break
         except KeyboardInterrupt:
@@ -152,8 +152,8 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
         steps = np.arange(1, len(block.costs))
         self.used_up = self.used_up or (left <= 2 and bool(others))
         for j in others:
-            moments, nodes = block.moments[1:], block.nodes[1:]
-            costs = block.costs[1:] + self.switch(i, j, moments)
+            costs, nodes = block.costs[1:] + self.switch(i, j, block.moments[1:]), block.nodes[1:]
+            moments = self.arrive(i, j, block.moments[1:])
             ends = np.where(self.final[nodes, j], costs + moments @ self.tails[j], np.inf)
             if (k := self._offer(ends)) is not None:
                 self.blocks = [*past, (i, k + 1), (j, 0)]
@@ -185,10 +185,10 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
     def _suffix(self, j: int, last: int) -> Array:
         """Rows for ``svec(S)``: mode j for t = 1 .. steps and then the last mode for ever, apart from constants."""
         if (j, last) not in self.suffixes:
-            d = len(self.identity)
+            d = len(self.distance)
             affine = np.zeros((d + 1, d + 1))
             affine[:d, :d], affine[:d, d], affine[d, d] = self.orbits[j].square(0).T, self.stages[j], 1.0
-            end = np.zeros(d) if last < 0 else self.tails[last] + self.by_w2[j, last] * self.identity
+            end = np.zeros(d) if last < 0 else self.enter(j, last, self.tails[last])
             self.suffixes[j, last] = Orbit(affine).from_(np.append(end, 1.0), _CHUNK)[1:, :d]
         return self.suffixes[j, last]
 

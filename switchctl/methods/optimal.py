@@ -315,11 +315,12 @@ class _OptimalScheduler(PlanningScheduler):
 
     def _length(self, lead: tuple[int, ...], word: tuple[int, ...]) -> int:
         """The steps after which next to nothing is left."""
-        S, k, A = self.S, 0, self.modes.A
-        start = np.trace(S)
-        while k < min(len(lead) + _UNROLLED, CEILING) and not np.trace(S) <= CONVERGED * start:
+        S, k, before, distance = self.S, 0, self.graph.last_mode[0], self.modes.distance
+        start = np.sum(distance * S)
+        while k < min(len(lead) + _UNROLLED, CEILING) and not np.sum(distance * S) <= CONVERGED * start:
             mode = lead[k] if k < len(lead) else word[(k - len(lead)) % len(word)]
-            S, k = A[mode] @ S @ A[mode].T, k + 1
+            A = self.modes.A_after[before, mode]
+            S, k, before = A @ S @ A.T, k + 1, mode
         return max(k, len(lead))
 
     def _any(self, S: Array) -> Plan:

@@ -89,9 +89,10 @@ class _PolicyScheduler(Scheduler):
     def tail(self, S: Array) -> Plan:
         """What the value promises: the way on that it is the cost of."""
         forced: list[int] = []
-        node, A = self.node, self.modes.A
+        node, graph = self.node, self.graph
         while node not in self.tables:
-            forced.append(int((self.graph.successor[node] >= 0).argmax()))
-            S, node = A[forced[-1]] @ S @ A[forced[-1]].T, int(self.graph.successor[node, forced[-1]])
+            forced.append(int((graph.successor[node] >= 0).argmax()))
+            A = self.modes.A_after[graph.last_mode[node], forced[-1]]
+            S, node = A @ S @ A.T, int(graph.successor[node, forced[-1]])
         lead, word = self._way(node, S)
         return shortest((*forced, *lead), word)

@@ -50,7 +50,8 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     """
     sequence: list[int] = []
     lengthened: list[tuple[int, int]] = []
-    first, start = F, np.vdot(F, F)
+    A_after, plant, before = scheduler.modes.A_after, scheduler.modes.plant_states, scheduler.graph.last_mode[0]
+    first, start = F, np.sum(F[:plant] ** 2)
     status = "number of steps reached" if steps is not None else "ceiling of steps reached"
     try:
         for k in _counted(CEILING if steps is None else steps):
@@ -60,8 +61,8 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
             with np.errstate(over="ignore"):
-                F = scheduler.modes.A[mode] @ F
-                w2 = np.vdot(F, F)
+                F = A_after[before, mode] @ F
+                w2, before = np.sum(F[:plant] ** 2), mode
             if not np.isfinite(w2):
                 raise ValueError(
                     f"W2 exceeds the floating-point range after step {k}; ask for at most {k} steps, or use a method "
@@ -78,9 +79,9 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             raise
         status = INTERRUPTED
         scheduler.recover(sequence)  # it may have been a step ahead
-        F = first
+        F, before = first, scheduler.graph.last_mode[0]
         for mode in sequence:
-            F = scheduler.modes.A[mode] @ F
+            F, before = A_after[before, mode] @ F, mode
     return Prediction(sequence, lengthened, F, status)
 
 

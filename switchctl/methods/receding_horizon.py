@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, Method, Scheduler, least_cost
 from switchctl.methods.horizon_costs import HorizonCosts
@@ -135,7 +136,8 @@ class _RecedingHorizonScheduler(Scheduler):
         if method.decrease is not None:
             self.after_hold = np.linalg.matrix_power(self.modes.A, method.hold)
             # Row i dotted with svec(S) is W2 after mode i has been held for the usual number of steps.
-            self.w2_after_hold = svec(np.swapaxes(self.after_hold, -1, -2) @ self.after_hold)
+            self.w2_after_hold = svec(transform(self.after_hold, self.modes.distance))
+            self.counts_all = self.modes.plant_states == len(self.modes.distance)
         self.costs = HorizonCosts(self, method.hold)
         self.costs.at(self.node, method.at(0))  # an impossible horizon is refused at the start, not at the first sample
 
@@ -156,28 +158,37 @@ class _RecedingHorizonScheduler(Scheduler):
         if self.method.decrease is None:
             self.plan = list(candidates.plans[least_cost(costs)])
         else:
-            w2 = float(np.trace(S))
+            w2 = float(np.sum(self.modes.distance * S))
             # More than the held mode can have made of W2(t_{j-1}) is a disturbance: W2(t_j) is then a new W2(t_0).
             past = self.last_w2 if w2 <= self.growth * self.last_w2 else w2
             modes = [plan[0] for plan in candidates.plans]
             longest = np.zeros(len(self.modes))
             longest[modes] = self.graph.holds[self.node, modes]
-            allowed, hold = self._stabilising(S, (1 - self.method.decrease) * past, longest)
+            allowed, hold = self._stabilising(self._begun(S), (1 - self.method.decrease) * past, longest)
             mode = modes[least_cost(costs, allowed[modes])]
             held = (
                 self.after_hold[mode] if hold == self.method.hold else np.linalg.matrix_power(self.modes.A[mode], hold)
             )
             self.last_w2, self.growth = w2, float(np.linalg.norm(held, 2)) ** 2 * (1 + 1e-9)
+            if not self.counts_all:  # states that W2 doesn't count may have made any of it
+                self.growth = math.inf
             self.lengthened = hold - self.method.hold
             self.plan = [mode] * hold
         self.j += 1
+
+    def _begun(self, S: Array) -> Array:
+        """The second moment after the switch to each mode, shape (m, n, n)."""
+        before, E = self.graph.last_mode[self.node], self.modes.activation
+        if E is None or before < 0:
+            return np.broadcast_to(S, self.modes.A.shape)
+        return E[before] @ S @ np.swapaxes(E[before], -1, -2)
 
     def _stabilising(self, S: Array, bound: float, longest: Array) -> tuple[NDArray[np.bool_], int]:
         """The modes with ``W2(t_{j+1}) <= bound``, and the shortest hold from the usual on that has any."""
         hold = self.method.hold
         # Rounding never decides; and below the smallest normal number a moment may stick.
         bound = max(bound * (1 + TIE), np.finfo(float).tiny)
-        allowed = (self.w2_after_hold @ svec(S) <= bound) & (longest >= hold)
+        allowed = (np.sum(self.w2_after_hold * svec(S), axis=1) <= bound) & (longest >= hold)
         if allowed.any():
             return allowed, hold
         A, moments = self.modes.A, self.after_hold @ S @ np.swapaxes(self.after_hold, -1, -2)
@@ -189,7 +200,7 @@ class _RecedingHorizonScheduler(Scheduler):
                     "smaller decrease, or drop the slowest modes"
                 )
             moments = A @ moments @ np.swapaxes(A, -1, -2)
-            w2 = np.trace(moments, axis1=-2, axis2=-1)
+            w2 = np.sum(self.modes.distance * moments, axis=(-2, -1))
             if not np.isfinite(w2).all():
                 raise FloatingPointError("W2 exceeds the floating-point range in a lengthened hold; scale the state")
             allowed = (w2 <= bound) & (longest >= hold)

@@ -81,8 +81,8 @@ class _Run(NamedTuple):
 class _Suffixes(NamedTuple):
     """What the schedule costs from each step t = 0 .. N on, per dk: ``P[t] . svec(S) + constants[t]``.
 
-    The switch at t is left out, since it depends on what comes before. ``follows[t, v]`` says whether the rules allow
-    the rest from t on at node v.
+    The switch at t is left out, since it depends on what comes before: S is the moment after it. ``follows[t, v]`` says
+    whether the rules allow the rest from t on at node v.
     """
 
     modes: NDArray[np.intp]
@@ -198,25 +198,28 @@ class LocalSearch(StepCosts):
 
     def _run(self, path: NDArray[np.intp]) -> _Run:
         """The forward evaluation."""
-        moments, costs = np.empty((len(path) + 1, len(self.identity))), np.zeros(len(path) + 1)
+        moments, costs = np.empty((len(path) + 1, len(self.distance))), np.zeros(len(path) + 1)
         moments[0], before = svec(self.S), self.graph.last_mode[0]
         for k, mode in enumerate(path.tolist()):
-            s = moments[k]
-            costs[k + 1] = costs[k] + self.stages[mode] @ s + self.graph.price[mode] + self.switch(before, mode, s)
+            s = self.arrive(before, mode, moments[k])
+            paid = self.graph.price[mode] + self.switch(before, mode, moments[k])
+            costs[k + 1] = costs[k] + self.stages[mode] @ s + paid
             moments[k + 1], before = self.maps[mode] @ s, mode
-        end = self.word_P @ moments[-1] + (0.0 if self.ends else self.switch(path[-1], self.word[0], moments[-1]))
-        return _Run(path, moments, costs, float(costs[-1] + end))
+        s, end = moments[-1], 0.0
+        if not self.ends:
+            s, end = self.arrive(before, self.word[0], s), self.switch(before, self.word[0], s)
+        return _Run(path, moments, costs, float(costs[-1] + end + self.word_P @ s))
 
     def _suffixes(self, path: NDArray[np.intp]) -> _Suffixes:
         """The backward pass."""
         graph, N = self.graph, len(path)
         modes = np.append(path, path[-1] if self.ends else self.word[0])
-        P, constants = np.empty((N + 1, len(self.identity))), np.zeros(N + 1)
+        P, constants = np.empty((N + 1, len(self.distance))), np.zeros(N + 1)
         follows = np.empty((N + 1, len(graph)), dtype=bool)
         P[N], follows[N] = self.word_P, True if self.ends else lasting(graph, self.word)
         for t in range(N - 1, -1, -1):
             mode, after = modes[t], modes[t + 1]
-            P[t] = self.stages[mode] + (P[t + 1] + self.by_w2[mode, after] * self.identity) @ self.maps[mode]
+            P[t] = self.stages[mode] + self.enter(mode, after, P[t + 1]) @ self.maps[mode]
             constants[t] = graph.price[mode] + self.fixed[mode, after] + constants[t + 1]
             heads = graph.successor[:, mode]
             follows[t] = (heads >= 0) & follows[t + 1, heads]
@@ -225,10 +228,7 @@ class LocalSearch(StepCosts):
     def _before(self, rest: _Suffixes, mode: int, t: Any) -> tuple[Array, Array]:
         """The suffixes from t on, entered from a mode: rows and constants."""
         after = rest.modes[t]
-        return (
-            rest.P[t] + self.by_w2[mode, after][:, None] * self.identity,
-            rest.constants[t] + self.fixed[mode, after],
-        )
+        return self.enter(mode, after, rest.P[t]), rest.constants[t] + self.fixed[mode, after]
 
     def _sweep(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:
         """The forward pass: each mode chosen anew against the cost of what follows; the present one wins a tie."""
@@ -241,12 +241,13 @@ class LocalSearch(StepCosts):
         table, constant = np.stack(rows, axis=1), np.stack(constants, axis=1)
         node, before, s = 0, graph.last_mode[0], run.moments[0]
         for k, present in enumerate(run.path.tolist()):
-            costs = table[k] @ s + constant[k] + self.switch(before, slice(None), s)
+            arrived = self.arrivals(before, s)
+            costs = np.einsum("ij,ij->i", table[k], arrived) + constant[k] + self.switch(before, slice(None), s)
             heads = graph.successor[node]
             costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
             best = int(costs.argmin())
             mode = best if costs[best] < costs[present] * (1 - TIE) else present
-            chosen[k], node, before, s = mode, int(heads[mode]), mode, self.maps[mode] @ s
+            chosen[k], node, before, s = mode, int(heads[mode]), mode, self.maps[mode] @ arrived[mode]
         return chosen
 
     def _move(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:
@@ -264,7 +265,7 @@ class LocalSearch(StepCosts):
         for i in range(len(self.maps)):
             P, constants = self._before(rest, i, t)
             prefixes = costs[k] + self.switch(before[k], i, moments[k])
-            begun = np.column_stack([moments[k], prefixes, np.ones(len(k))])
+            begun = np.column_stack([self.arrive(before[k], i, moments[k]), prefixes, np.ones(len(k))])
             heads = nodes[k]
             for shorter, length in pairwise([0, *self.lengths]):
                 for _ in range(length - shorter):

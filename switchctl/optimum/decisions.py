@@ -55,6 +55,8 @@ class Decisions:
     ----------
     scale : array, shape (n,)
         Powers of two: the scaled state is ``scale * x``.
+    A, Q : arrays, shape (r, n, n)
+        All steps that a run may take, and their weights, in scaled states.
     identity : array, shape (d,)
         ``svec(I)``.
     """
@@ -65,12 +67,12 @@ class Decisions:
         self.n = n = modes.A.shape[-1]
         self.identity = svec(np.eye(n))
         with np.errstate(over="ignore", invalid="ignore"):
-            seen = np.diag(horizon_gramians(modes.A, modes.Q, 2 * n).sum(axis=0))
+            A, Q = modes.every_step
+            seen = np.diag(horizon_gramians(A, Q, 2 * n).sum(axis=0))
         fit = np.isfinite(seen) & (seen > 0)
         self.scale = np.exp2(np.round(np.log2(np.where(fit, seen, 1.0)) / 2))
-        self.A = modes.A * self.scale[:, None] / self.scale
-        self.Q = modes.Q / np.outer(self.scale, self.scale)
-        self.unit = np.diag(self.scale**-2.0)  # W2 in scaled states
+        self.A, self.Q = self.scaled_step(A), self.scaled_cost(Q)
+        self.distance = self.scaled_cost(modes.distance)
         self.places: list[tuple[int, int]] = [(0, 0)]  # the steps taken (0 if endless) and the node of the graph
         self._numbers = {(0, 0): 0}
         self._moves: dict[int, list[Move]] = {}
@@ -80,6 +82,10 @@ class Decisions:
     def scaled(self, S: Array) -> Array:
         """``svec`` of a second moment in scaled states."""
         return svec(S * np.outer(self.scale, self.scale))
+
+    def scaled_step(self, A: Array) -> Array:
+        """The matrix of a step (or several) in scaled states."""
+        return A * self.scale[:, None] / self.scale
 
     def scaled_cost(self, P: Array) -> Array:
         """A cost matrix (or several) in scaled states."""
@@ -92,7 +98,8 @@ class Decisions:
     def step_cost(self, before: int, mode: int) -> tuple[Array, float]:
         """What a step in a mode costs after another: the weight of the scaled state, and the constant, per dk."""
         graph, dk = self.graph, self.graph.modes.dk
-        Q = self.Q[mode] + graph.switch_cost_per_w2[before, mode] / dk * self.unit
+        weight = self.scaled_cost(graph.modes.Q_after[before, mode])
+        Q = weight + graph.switch_cost_per_w2[before, mode] / dk * self.distance
         return Q, float(graph.price[mode] + graph.switch_cost[before, mode] / dk)
 
     def ended(self, u: int) -> bool:
@@ -151,7 +158,7 @@ class Decisions:
         power, cost, length = np.eye(n, dtype=long), np.zeros((n, n), dtype=long), 0
         wrong, cost_wrong = np.zeros((n, n)), np.zeros((n, n))  # bounds of their errors, entry by entry
         for last, mode in zip((before, *word), word, strict=False):
-            A = self.A[mode]
+            A = self.scaled_step(self.graph.modes.A_after[last, mode])
             size = np.abs(power).astype(float)
             errors = np.abs(A) @ (wrong + unit * size)
             product = A.astype(long) @ power

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from switchctl.continuation import Continuations, Plan
-from switchctl.gramians import transform
+from switchctl.gramians import seen, transform
 from switchctl.moments import Array, moment_maps, smat, svec
 from switchctl.optimum.decisions import Decisions, Move
 
@@ -157,7 +157,7 @@ class UpperBounds:
 
     def _ending(self, u: int) -> Ends:
         """Each mode held to the end, as far as the rules allow; of a run that has ended, its terminal cost."""
-        values = [self._held_cost(*self.decisions.places[u], mode) for mode in range(len(self.decisions.A))]
+        values = [self._held_cost(*self.decisions.places[u], mode) for mode in range(len(self.decisions.graph.modes))]
         constants = np.array([constant for _, constant in values])
         return Ends(svec(np.array([P for P, _ in values])), constants, list(range(len(values))))
 
@@ -180,8 +180,10 @@ class UpperBounds:
                 break
             steps.append((at, node, taken))
         for at, node, taken in reversed(steps):
-            Q, constant = decisions.step_cost(int(graph.last_mode[node]), taken)
-            value = self._held[at, node, mode] = Q + transform(decisions.A[taken], value[0]), constant + value[1]
+            before = int(graph.last_mode[node])
+            Q, constant = decisions.step_cost(before, taken)
+            A = decisions.scaled_step(graph.modes.A_after[before, taken])
+            value = self._held[at, node, mode] = Q + transform(A, value[0]), constant + value[1]
         return value
 
     def useful(self, u: int, s: Array) -> Ends:
@@ -202,6 +204,8 @@ class UpperBounds:
 
 def repeated_costs(A: Array, Q: Array) -> tuple[Array, Array]:
     """Lyapunov solutions ``P = Q + A' P A`` of many at once, by doubling, and which of them are finite and checked."""
+    states = seen(A, Q)
+    A = A * (states[:, :, None] & states[:, None, :])
     P, M = Q.copy(), A.copy()
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(40):

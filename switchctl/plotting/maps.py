@@ -71,7 +71,7 @@ def plot_area(
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * top)
     parts = [schedule.cost_parts for schedule in comparison.schedules.values()]
-    area = (comparison.modes.Q == np.eye(comparison.modes.A.shape[-1])).all()
+    area = (comparison.modes.Q == comparison.modes.distance).all()
     area = area and not any(part.switching or part.running for part in parts)
     ax.set_xlabel(f"total {'area of $W^2$' if area else 'cost'} ({_cost_unit(comparison.modes)})")
     ax.spines[["top", "right"]].set_visible(False)
@@ -274,5 +274,5 @@ def _state_pair(modes: ModeSet, states: Sequence[int | str]) -> list[int]:
 
 
 def _cost_unit(modes: ModeSet) -> str:
-    area = (modes.Q == np.eye(modes.A.shape[-1])).all()
+    area = (modes.Q == modes.distance).all()
     return ("state units$^2$" if area else "weighted units") + ("" if modes.dt is True else " · s")

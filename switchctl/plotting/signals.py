@@ -64,9 +64,10 @@ def plot_w2(
     rows = len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules)
     ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
     t = np.arange(stop) * modes.dk
+    single = constant_w2(modes.A, x0.second_moment, stop, modes.plant_states)
     lines = [
         ax.semilogy(t, positive(w2), lw=1.4, label=plain(name), **mode_style(i))[0]
-        for i, (name, w2) in enumerate(zip(modes.names, constant_w2(modes.A, x0.second_moment, stop), strict=True))
+        for i, (name, w2) in enumerate(zip(modes.names, single, strict=True))
     ]
     for dash, (label, schedule) in zip(cycle(SCHEDULE_DASHES), schedules.items(), strict=False):
         w2 = positive(schedule.w2[:stop])
@@ -167,7 +168,7 @@ def plot_schematic(
     stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule], stop)
     ax = one_axes(ax)
     t = np.arange(stop) * modes.dk
-    single = constant_w2(modes.A, schedule.x0.second_moment, stop)
+    single = constant_w2(modes.A, schedule.x0.second_moment, stop, modes.plant_states)
     lines = [
         ax.plot(t, single[i], lw=1.4, label=f"{plain(modes.names[i])} alone", **mode_style(i))[0]
         for i in (first.after, first.before)

@@ -1,0 +1,109 @@
+"""Linear systems as they come from python-control: realised, checked and sampled."""
+
+from typing import Any
+
+import control
+import numpy as np
+from scipy.linalg import block_diag, expm
+
+from switchctl.moments import Array
+from switchctl.validation import real_array, sampling_period
+
+Sampling = str | tuple[str, float]
+"""A method of `control.sample_system`, or a method and the frequency in rad/s at which it is to be exact."""
+
+
+def realised(system: control.StateSpace | control.TransferFunction, name: str) -> control.StateSpace:
+    """A system in state space, its entries checked; transfer functions of any size are realised entry by entry."""
+    if isinstance(system, control.TransferFunction):
+        for (i, j), numerator in np.ndenumerate(system.num_array):
+            if len(np.trim_zeros(numerator, "f")) > len(np.trim_zeros(system.den_array[i, j], "f")):
+                raise ValueError(
+                    f"{name} is improper: its numerator has a higher degree than its denominator, so it has no "
+                    "realisation; filter it, as a derivative s is to s / (1 + s tau)"
+                )
+        system = control.ss(system) if system.issiso() else _by_entries(system)
+    for matrix in "ABCD":
+        real_array(getattr(system, matrix), f"{name}.{matrix}")
+    return system
+
+
+def _by_entries(system: control.TransferFunction) -> control.StateSpace:
+    """A realisation of several inputs and outputs, with states for each pair of them."""
+    p, q = system.noutputs, system.ninputs
+    parts = [(i, j, control.ss(system[i, j])) for i in range(p) for j in range(q)]
+    A = block_diag(*[part.A for _, _, part in parts])
+    B, C = np.zeros((len(A), q)), np.zeros((p, len(A)))
+    D, at = np.zeros((p, q)), 0
+    for i, j, part in parts:
+        states = slice(at, at := at + part.nstates)
+        B[states, j], C[i, states], D[i, j] = part.B[:, 0], part.C[0], part.D[0, 0]
+    return control.ss(A, B, C, D, system.dt)
+
+
+def plant_system(plant: Any) -> control.StateSpace:
+    """A plant in state space, with at least one state and one input, and a timebase."""
+    if isinstance(plant, control.TransferFunction):
+        if not plant.issiso():
+            raise ValueError(
+                "plant is a transfer function with several inputs or outputs, which python-control can't realise "
+                "without slycot; give it as a StateSpace"
+            )
+        plant = realised(plant, "plant")
+    if not isinstance(plant, control.StateSpace):
+        hint = ""
+        if isinstance(plant, control.NonlinearIOSystem):
+            hint = "; linearise it about an equilibrium first: plant.linearize(x_equilibrium, u_equilibrium)"
+        raise TypeError(f"plant must be a StateSpace or TransferFunction, not a {type(plant).__name__}{hint}")
+    plant = realised(plant, "plant")
+    if plant.nstates == 0 or plant.ninputs == 0:
+        raise control.ControlDimension(
+            f"plant has {plant.nstates} states and {plant.ninputs} inputs; expected at least one of each"
+        )
+    if plant.dt is None or plant.dt is False:
+        raise ValueError(f"plant.dt is {plant.dt}; say whether the plant is continuous (dt=0) or sampled (its period)")
+    return plant
+
+
+def same_period(a: float | bool, b: float | bool) -> bool:
+    """Whether two discrete timebases agree; True, a period not told, agrees with any."""
+    return a is True or b is True or bool(np.isclose(a, b, rtol=1e-9, atol=0))
+
+
+def common_period(plant: control.StateSpace, dt: Any, controllers: list[Any], default: float) -> float | bool:
+    """The sampling period of the modes: the plant's, the argument's or, where neither tells, a controller's."""
+    given = None if dt is None else sampling_period(dt)
+    if plant.dt == 0:
+        if given is True:
+            raise ValueError("dt is True, but the plant is continuous; expected a sampling period in seconds")
+        return default if given is None else given
+    own = sampling_period(plant.dt, "plant.dt")
+    if own is True and given in (None, True):
+        told = (getattr(controller, "dt", None) for controller in controllers)
+        return next((sampling_period(dt) for dt in told if dt not in (None, True, 0)), True)
+    if given is None or same_period(own, given):
+        return given if own is True and given is not None else own
+    raise ValueError(f"dt is {given} s, but the plant is sampled with dt = {own} s; expected the same, or no dt")
+
+
+def sampled(system: control.StateSpace, period: float, how: Sampling, name: str) -> control.StateSpace:
+    """A continuous system at the samples."""
+    method, prewarp = (how, None) if isinstance(how, str) else how
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = control.sample_system(system, period, method=method, prewarp_frequency=prewarp)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ValueError(f"{name} can't be sampled by {how!r} with dt = {period} s: {error}") from None
+    if not all(np.isfinite(getattr(found, matrix)).all() for matrix in "ABCD"):
+        raise ValueError(f"{name} can't be sampled with dt = {period} s, it overflows; choose a shorter period")
+    return found
+
+
+def exact_step(A: Array, period: float) -> Array:
+    """``expm(A period)``, exactly zero where no power of A can be otherwise."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        step = expm(A * period)
+    linked = (A != 0) | np.eye(A.shape[-1], dtype=bool)
+    for _ in range(A.shape[-1].bit_length()):
+        linked = linked @ linked
+    return np.where(linked, step, 0.0)
