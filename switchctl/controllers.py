@@ -171,7 +171,7 @@ def _in_time(
         raise ValueError(f"{label} is continuous, but the modes have no sampling period; give dt in seconds")
     at_samples = sampled(system, float(period), how, label)
     if continuous:
-        return system, output_scale(at_samples.A, at_samples.B, at_samples.C, at_samples.D)
+        return system, output_scale(at_samples.A, at_samples.B, at_samples.C)
     return at_samples, None
 
 

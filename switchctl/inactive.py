@@ -30,9 +30,9 @@ def inactive_behaviour(value: Any, label: str) -> tuple[str, Any]:
 def tracking_gain(F: Array, G: Array, H: Array, D: Array, gain: Any, label: str, scale: Array | None = None) -> Any:
     """The L by which a controller follows: ``x+ = F x + G y + L (v - H x - D y)``, v the output that acts instead.
 
-    By default the Kalman gain for white noise on the controller's own input, where v is observed with a little noise
-    of its own: it doesn't depend on the coordinates of x, and tends to the inverse of the controller where that is
-    stable (self-conditioning, Hanus, Kinnaert and Henrotte, Automatica 23, 1987).
+    By default the Kalman gain for white noise that enters the state as y does, v seen through a hundredth of the noise
+    that this makes of it. So it doesn't depend on the coordinates of x or on units, and the output follows within a
+    few samples.
 
     Parameters
     ----------
@@ -52,35 +52,39 @@ def tracking_gain(F: Array, G: Array, H: Array, D: Array, gain: Any, label: str,
     if gain is not None:
         L = real_array(gain, f"the tracking gain of {label}", (len(F), len(H)))
     else:
-        noise = _NOISE * (output_scale(F, G, H, D) if scale is None else scale) + D @ D.T
-        cross = G @ D.T
+        L = None
+        noise = _NOISE * (output_scale(F, G, H) if scale is None else scale)
         try:
             if scale is None:
-                P = solve_discrete_are(F.T, H.T, G @ G.T, noise, s=cross)
-                L = np.asarray(np.linalg.solve(H @ P @ H.T + noise, (F @ P @ H.T + cross).T).T, dtype=float)
+                P = solve_discrete_are(F.T, H.T, G @ G.T, noise)
+                L = np.asarray(np.linalg.solve(H @ P @ H.T + noise, H @ P @ F.T).T, dtype=float)
             else:
-                P = solve_continuous_are(F.T, H.T, G @ G.T, noise, s=cross)
-                L = np.asarray(np.linalg.solve(noise, (P @ H.T + cross).T).T, dtype=float)
+                P = solve_continuous_are(F.T, H.T, G @ G.T, noise)
+                L = np.asarray(np.linalg.solve(noise, H @ P).T, dtype=float)
         except (ValueError, np.linalg.LinAlgError):
-            raise ValueError(
-                f"no tracking gain was found for {label}: a part of it that doesn't decay can't be seen at its output "
-                "or moved by its input; give one, ('track', L), or another choice of inactive"
-            ) from None
-    closed = F - L @ H
-    stable = is_schur(closed) if scale is None else bool((np.linalg.eigvals(closed).real < 0).all())
-    if not stable:
-        radius = np.abs(np.linalg.eigvals(closed)).max() if scale is None else np.linalg.eigvals(closed).real.max()
-        what = "spectral radius" if scale is None else "greatest real part of an eigenvalue"
+            pass
+    if L is not None:
+        eigenvalues = np.linalg.eigvals(F - L @ H)
+        if is_schur(F - L @ H) if scale is None else bool((eigenvalues.real < 0).all()):
+            return L
+    if L is None or gain is None:
         raise ValueError(
-            f"the tracking gain leaves {label} unstable while it is inactive: F - L H has {what} {radius:.6g}; "
-            "choose another gain"
+            f"no tracking gain was found for {label}: a part of it that doesn't decay can't be seen at its output "
+            "or moved by its input; give one, ('track', L), or another choice of inactive"
         )
-    return L
+    told = (
+        f"spectral radius {np.abs(eigenvalues).max():.6g}"
+        if scale is None
+        else f"an eigenvalue with real part {eigenvalues.real.max():.6g}"
+    )
+    raise ValueError(
+        f"the tracking gain leaves {label} unstable while it is inactive: F - L H has {told}; choose another gain"
+    )
 
 
-def output_scale(F: Array, G: Array, H: Array, D: Array) -> Array:
-    """What unit white noise on the input of a sampled controller makes of its output in as many samples as states."""
-    total, response = D @ D.T, G
+def output_scale(F: Array, G: Array, H: Array) -> Array:
+    """What unit white noise on the state of a sampled controller, by its input, makes of its output."""
+    total, response = np.zeros((len(H), len(H))), G
     for _ in range(len(F)):
         total, response = total + H @ response @ response.T @ H.T, F @ response
     scale = float(np.trace(total)) or 1.0

@@ -56,20 +56,23 @@ def held_costs(modes):
     n, found = modes.A.shape[-1], []
     for A, Q in zip(modes.A, modes.Q, strict=True):
         P = np.linalg.solve(np.eye(n * n) - np.kron(A.T, A.T), Q.ravel()).reshape(n, n)
+        P = (P + P.T) / 2
         found.append(P if np.abs(np.linalg.eigvals(A)).max() < 1 else None)
     return found
 
 
 @cache
-def quadratics(modes, steps, most):
+def quadratics(modes, steps, most, start):
     """The sequences that end in a Schur mode; W2 at each step and the cost of the state for ever, as x' .. x."""
     ends = held_costs(modes)
     sequences = with_few_switches(len(modes), steps, most)
     sequences = sequences[[ends[i] is not None for i in sequences[:, -1]]]
     moved = np.tile(np.eye(modes.A.shape[-1]), (len(sequences), 1, 1))
-    w2, cost = [], 0.0
-    for mode in sequences.T:
-        w2.append(np.swapaxes(moved, 1, 2) @ moved)
+    w2, cost, p = [], 0.0, modes.plant_states
+    for k, mode in enumerate(sequences.T):
+        w2.append(np.swapaxes(moved[:, :p], 1, 2) @ moved[:, :p])
+        if modes.activation is not None and (k or start is not None):
+            moved = modes.activation[sequences[:, k - 1] if k else start, mode] @ moved
         cost += np.swapaxes(moved, 1, 2) @ modes.Q[mode] @ moved
         moved = modes.A[mode] @ moved
     for i, P in enumerate(ends):
@@ -81,10 +84,10 @@ def quadratics(modes, steps, most):
 
 def enumerated(modes, x0, rules, most, steps, beyond=40):
     """The least cost of a run with at most so many switches, all in the first steps, that ends in one mode; or inf."""
-    sequences, w2, cost = quadratics(modes, steps, most)
+    start, _ = start_of(modes, rules)
+    sequences, w2, cost = quadratics(modes, steps, most, start)
     S = np.outer(x0.mean, x0.mean) + x0.cov
     price, fixed, by_w2 = costs_of(modes, rules)
-    start, _ = start_of(modes, rules)
     before = np.column_stack([sequences[:, 0] if start is None else np.full(len(sequences), start), sequences[:, :-1]])
     switched = sequences != before
     costs = np.tensordot(cost, S) + modes.dk * price[sequences].sum(axis=1)

@@ -171,10 +171,17 @@ SINGLE = [
     allowed,
     allowed_period,
 ]
-KINDS = [*SINGLE, several, seconds]
 
 
-def some_modes(rng, seconds=False):
+def takeover(rng, m):
+    """Modes in which a switch changes the state, mostly without a rule."""
+    return {} if rng.random() < 0.6 else SINGLE[rng.integers(len(SINGLE))](rng, m)
+
+
+KINDS = [*SINGLE, several, seconds, takeover]
+
+
+def some_modes(rng, seconds=False, activation=False):
     """Modes so fast that late switches don't matter; some with one that isn't Schur, some with singular weights."""
     n, m = rng.integers(1, 4), rng.choice([2, 2, 3])
     A = random_modes(rng, n, m, radius=(0.2, 0.6))
@@ -185,7 +192,14 @@ def some_modes(rng, seconds=False):
     if rng.random() < 0.5:
         roots = rng.standard_normal((m, n, rng.integers(1, n + 1)))
         Q = roots @ np.swapaxes(roots, 1, 2)
-    return ModeSet(A, dt=float(rng.choice(PERIODS)) if seconds or rng.random() < 0.3 else True, Q=Q)
+    dt = float(rng.choice(PERIODS)) if seconds or rng.random() < 0.3 else True
+    if not activation:
+        return ModeSet(A, dt=dt, Q=Q)
+    E = np.tile(np.eye(n), (m, m, 1, 1))
+    for j, i in np.argwhere(~np.eye(m, dtype=bool)):
+        if rng.random() < 0.8:
+            E[j, i] = 0.7 * rng.standard_normal((n, n)) * (rng.random((n, n)) < 0.7)
+    return ModeSet(A, dt=dt, Q=Q, plant_states=rng.integers(1, n + 1), activation=E)
 
 
 def instances(kind, count, seed, pool=None):
@@ -195,7 +209,7 @@ def instances(kind, count, seed, pool=None):
     for number in range(count):
         place = number % (pool or count)
         if place == len(drawn):
-            drawn.append(some_modes(rng, kind is seconds))
+            drawn.append(some_modes(rng, kind is seconds, kind is takeover))
         modes = drawn[place]
         m, n, _ = modes.A.shape
         rules = kind(rng, m, modes.dt) if kind is seconds else kind(rng, m)

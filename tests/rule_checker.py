@@ -70,7 +70,11 @@ def true_parts(modes, x0, rules, sequence):
     state = switching = running = 0.0
     for mode in sequence:
         if before is not None and mode != before:
-            switching += fixed[before, mode] + by_w2[before, mode] * np.trace(S)
+            switching += fixed[before, mode] + by_w2[before, mode] * np.trace(
+                S[: modes.plant_states, : modes.plant_states]
+            )
+            if modes.activation is not None:
+                S = modes.activation[before, mode] @ S @ modes.activation[before, mode].T
         state += modes.dk * np.vdot(modes.Q[mode], S)
         running += modes.dk * price[mode]
         S, before = modes.A[mode] @ S @ modes.A[mode].T, mode

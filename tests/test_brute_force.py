@@ -134,7 +134,11 @@ def attempt(modes, x0, method, steps, graph):
 
 
 def radius(modes, word):
-    return np.abs(np.linalg.eigvals(reduce(np.matmul, [modes.A[i] for i in reversed(word)]))).max()
+    steps = [modes.A[i] for i in word]
+    if modes.activation is not None:
+        before = (word[-1], *word[:-1])
+        steps = [A @ modes.activation[j, i] for A, j, i in zip(steps, before, word, strict=True)]
+    return np.abs(np.linalg.eigvals(reduce(np.matmul, steps[::-1]))).max()
 
 
 def finite(modes, rules, word):

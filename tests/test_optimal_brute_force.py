@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from enumeration import enumerated, graph_of, run_of
 from random_rules import KINDS, instances
-from rule_checker import true_cost, violations
+from rule_checker import start_of, true_cost, violations
 
 from switchctl import Optimal, schedule
 
@@ -36,9 +36,11 @@ def check_finite(modes, x0, rules, steps, rng):
     costs = {}
     S0 = np.outer(x0.mean, x0.mean) + x0.cov
     for run in every_run(modes, rules, graph, steps):
-        product = np.eye(n)
+        product, before = np.eye(n), start_of(modes, rules)[0]
         for mode in run:
-            product = modes.A[mode] @ product
+            if modes.activation is not None and before is not None:
+                product = modes.activation[before, mode] @ product
+            product, before = modes.A[mode] @ product, mode
         costs[run] = true_cost(modes, x0, rules, run) + modes.dk * np.vdot(M, product @ S0 @ product.T)
     least = min(costs.values())
     gap = rng.choice([0.3, 1e-2, 1e-6])
