@@ -1,9 +1,11 @@
 """Lower bounds on what goes on from a choice: quadratics that a step never beats.
 
 If ``L_v <= Q_e + A_e' L_w A_e`` on every move e from v to w, then every run from v costs at least ``tr(L_v S)``,
-provided that what is left of a run of finite cost vanishes. It does where some ``M > 0`` is below the cost of so many
-steps, whatever they are: the least stage weight, or a minorant of several steps where the weights are singular. L need
-not be definite, and is not where modes chatter.
+provided that ``tr(L_v S)`` comes to nothing along a run of finite cost. It does where some ``M > 0`` is below the cost
+of so many steps, whatever they are: the least stage weight, or a minorant of several steps where the weights are
+singular. Where there is none, since a mode may be blind to some state for ever (that of a controller which does not
+act), ``L_v <= C`` is asked for too, C a multiple of the least stage weight. L need not be definite, and is not where
+modes chatter.
 """
 
 import time
@@ -13,13 +15,14 @@ import numpy as np
 
 from switchctl.moments import Array, smat, svec
 from switchctl.optimum.decisions import Decisions
-from switchctl.optimum.minorants import below, definite_minorant, minorant
+from switchctl.optimum.minorants import below, definite_minorant, lower_bounds, minorant
 from switchctl.optimum.programs import Program
 
 VARIABLES = 3000
 """Beyond so many unknowns, or STATES states, one L serves all choices, or none is solved for."""
 STATES = 25
 _DEFINITE = 1e-10
+_SEEN = 1e-9
 
 
 class LowerBounds:
@@ -59,6 +62,7 @@ class LowerBounds:
         self.seconds, self.count = 0.0, 0
         self._bank: list[Array] = []  # (choices or 1, d) each
         self._chain: list[Array] = []  # by the steps taken
+        self._ceiling: Array | None = None
         vanishes = self.definite
         if terminal is not None and not (self.per_choice and self.definite):
             self._chain = self._backwards(terminal)
@@ -66,8 +70,11 @@ class LowerBounds:
             self._add(np.array([self._base(u) for u in range(len(decisions.places) if self.per_choice else 1)]))
         else:
             M = definite_minorant(decisions.A, decisions.Q)
-            vanishes, row = M is not None, svec(np.zeros_like(self.least) if M is None else M)
-            self._add(np.repeat(row[None], len(decisions.places) if self.per_choice else 1, axis=0))
+            if M is None:
+                self._ceiling = _ceiling(reference, self.least)
+            vanishes = M is not None or self._ceiling is not None
+            for row in [svec(M)] if M is not None else lower_bounds(decisions.A, decisions.Q)[[0, -1]]:
+                self._add(np.repeat(row[None], len(decisions.places) if self.per_choice else 1, axis=0))
         self.solves = few and (vanishes if terminal is None else self.per_choice and self.definite)
         self.guard = 4 * float(np.linalg.eigvalsh(reference)[-1]) if self.solves else 0.0
         self._program: Program | None = None
@@ -129,7 +136,9 @@ class LowerBounds:
         begun = time.perf_counter()
         if self._program is None:
             least = self.least if self.definite else None
-            self._program = Program(self.decisions, self.per_choice, self.reference, self.guard, self.terminal, least)
+            self._program = Program(
+                self.decisions, self.per_choice, self.reference, self.guard, self.terminal, least, self._ceiling
+            )
         place = u if self.per_choice else 0
         L = self._program.solve(place, smat(s))
         self.seconds += time.perf_counter() - begun
@@ -137,6 +146,18 @@ class LowerBounds:
             return False
         self._add(L)
         return True
+
+
+def _ceiling(reference: Array, least: Array) -> Array | None:
+    """A multiple of the least stage weight, well above the reference where it sees the state; None if it sees none."""
+    unit = np.sqrt(np.diag(reference))
+    if not (unit > 0).all():
+        return None
+    weights, vectors = np.linalg.eigh(least / np.outer(unit, unit))
+    vectors = vectors[:, weights > _SEEN] / np.sqrt(weights[weights > _SEEN])
+    if vectors.shape[1] == 0:
+        return None
+    return 2 * float(np.linalg.eigvalsh(vectors.T @ (reference / np.outer(unit, unit)) @ vectors)[-1]) * least
 
 
 def _definite(M: Array) -> bool:

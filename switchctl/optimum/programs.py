@@ -55,6 +55,8 @@ class Program:
         L at the end of a run that ends.
     least : array, shape (n, n), optional
         A positive definite matrix below every stage weight, where there is one.
+    ceiling : array, shape (n, n), optional
+        What L must be below.
     """
 
     def __init__(
@@ -65,10 +67,11 @@ class Program:
         guard: float,
         terminal: Array | None,
         least: Array | None,
+        ceiling: Array | None = None,
     ) -> None:
         import clarabel
 
-        self.clarabel, self.guard = clarabel, guard
+        self.clarabel, self.guard, self.ceiling = clarabel, guard, ceiling
         n, d = decisions.n, len(decisions.identity)
         choices = range(len(decisions.places) if per_choice else 1)
         self.ended = np.array([terminal is not None and decisions.ended(u) for u in choices])
@@ -106,7 +109,10 @@ class Program:
         parts = np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))
         self.matrix = sparse.csc_matrix(parts, shape=(E * d, size))
         self.vector = b.ravel()
-        self.cones = [clarabel.PSDTriangleConeT(n)] * E
+        if ceiling is not None:
+            self.matrix = sparse.vstack([self.matrix, sparse.eye(size)], format="csc")
+            self.vector = np.concatenate([self.vector, np.tile(svec(transform(self.back, ceiling)), len(self.free))])
+        self.cones = [clarabel.PSDTriangleConeT(n)] * (len(self.vector) // d)
         self.root: Array = self.back.T if least is None else np.linalg.inv(np.linalg.cholesky(least)).astype(float)
         self.interior, self.slack = self.fixed, 1.0
         if least is None:
@@ -132,7 +138,7 @@ class Program:
         """The solution whose left-hand sides are furthest inside: ``R >= s I`` in the program's states, s at most 1."""
         n, d = self.T.shape[0], len(svec(self.T))
         size = self.matrix.shape[1]
-        inside = np.tile(svec(np.eye(n)), len(self.A))[:, None]
+        inside = np.tile(svec(np.eye(n)), len(self.cones))[:, None]
         below = sparse.csc_matrix(np.append(np.zeros(size), 1.0)[None])
         matrix = sparse.vstack([sparse.hstack([self.matrix, sparse.csc_matrix(inside)]), below], format="csc")
         quadratic = sparse.diags(np.append(np.full(size, 1e-9), 0.0), format="csc")
@@ -145,12 +151,20 @@ class Program:
             self.slack = -self._violation(self.interior)
 
     def _violation(self, L: Array) -> float:
-        """The least t with ``Q + A' L A - L >= -t W`` on every move, rounding included; infinite if there is none."""
+        """The least t with ``Q + A' L A - L >= -t W`` on every move, rounding included; infinite if there is none.
+
+        The same where L must be below a ceiling.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
             left = self.Q + transform(self.A, L[self.head]) - L[self.tail]
             size = np.abs(self.Q) + transform(np.abs(self.A), np.abs(L[self.head])) + np.abs(L[self.tail])
             wrong = 16 * (len(L[0]) + 4) * _ROUNDING * np.linalg.norm(size, axis=(1, 2))
             wrong += self.slip * np.linalg.norm(L[self.head], axis=(1, 2)) + self.cost_slip
+            if self.ceiling is not None:
+                free = L[self.free]
+                left = np.concatenate([left, self.ceiling - free])
+                size = np.linalg.norm(free, axis=(1, 2)) + np.linalg.norm(self.ceiling)
+                wrong = np.append(wrong, 4 * _ROUNDING * size)
             relative = self.root @ left @ self.root.T
             if not np.isfinite(relative).all():
                 return np.inf
