@@ -159,9 +159,9 @@ def true_cost(modes: ModeSet, S: Array, sequence: tuple[int, ...]) -> float:
 def compare(name: str, modes: ModeSet, x0: Gaussian, N: int) -> list[list[str]]:
     """One row for each way to solve a problem."""
     S, m, n = x0.second_moment, len(modes), len(x0.mean)
-    schedule(modes, x0, Optimal(gap=0.5, terminal=np.eye(n)), N)  # the first one imports the solver
+    schedule(modes, x0, Optimal(gap=0.5), N, terminal=np.eye(n))  # the first one imports the solver
     begun = perf_counter()
-    best = schedule(modes, x0, Optimal(gap=GAP, terminal=np.eye(n), time_limit=LIMIT), N)
+    best = schedule(modes, x0, Optimal(gap=GAP, time_limit=LIMIT), N, terminal=np.eye(n))
     ours = perf_counter() - begun
     truth = true_cost(modes, S, tuple(best.sequence.tolist()))
     title = f"{name}, N = {N}"

@@ -8,14 +8,15 @@ import control
 import numpy as np
 
 from switchctl.controllers import Controllers, assembled, controller
+from switchctl.estimation import error_covariance, filter_gain
+from switchctl.feedback import blocks, closed, made_good, waiting
 from switchctl.inactive import Inactive
-from switchctl.modes import ModeSet
+from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
-from switchctl.sampling import Sampling, common_period, exact_step, plant_system, sampled
+from switchctl.sampling import Sampling, common_period, exact_step, plant_system, sampled, sampled_noise
 from switchctl.validation import positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
-_ILL_POSED = 1e8
 
 
 class ClosedLoops(ModeSet):
@@ -27,10 +28,17 @@ class ClosedLoops(ModeSet):
         The sampled plant; None where the loops were closed in continuous time.
     controllers : Controllers or None
         What runs beside it at the samples.
+    measurement_noise : array, shape (p, p), or None
+        The covariance V.
+    error_covariance : array, shape (n, n), or None
+        Of the plant's state given the estimate, in the steady state of the filter, where there is one: what to tell
+        `Scheduler.step` besides the estimate.
     """
 
     plant: control.StateSpace | None
     controllers: Controllers | None
+    measurement_noise: Array | None
+    error_covariance: Array | None
 
     def __init__(
         self,
@@ -40,15 +48,37 @@ class ClosedLoops(ModeSet):
         *,
         plant: control.StateSpace | None,
         controllers: Controllers | None,
+        measurement_noise: Array | None = None,
+        error_covariance: Array | None = None,
         **keywords: Any,
     ) -> None:
         super().__init__(matrices, names, dt, **keywords)
         object.__setattr__(self, "plant", None if plant is None else control.StateSpace(plant))
         object.__setattr__(self, "controllers", controllers)
+        object.__setattr__(self, "measurement_noise", measurement_noise)
+        object.__setattr__(self, "error_covariance", error_covariance)
 
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild, arguments = super().__reduce__()
-        return partial(rebuild, plant=self.plant, controllers=self.controllers), arguments
+        told = {name: getattr(self, name) for name in ("controllers", "measurement_noise", "error_covariance")}
+        return _rebuilt, (partial(rebuild, **told), arguments, _parts(self.plant))
+
+
+def _parts(plant: control.StateSpace | None) -> tuple[Any, ...] | None:
+    """A plant as plain values: python-control's own can't be pickled."""
+    if plant is None:
+        return None
+    labels = plant.input_labels, plant.output_labels, plant.state_labels
+    return (
+        (plant.A, plant.B, plant.C, plant.D, plant.dt),
+        dict(zip(("inputs", "outputs", "states"), labels, strict=True)),
+        plant.name,
+    )
+
+
+def _rebuilt(rebuild: Any, arguments: Any, parts: Any) -> "ClosedLoops":
+    plant = None if parts is None else control.ss(*parts[0], name=parts[2], **parts[1])
+    return rebuild(*arguments, plant=plant)
 
 
 def close_loops(
@@ -62,6 +92,10 @@ def close_loops(
     sampling: Sampling | Mapping[str, Sampling] = "tustin",
     inactive: Inactive | Mapping[str, Inactive] = "track",
     initial: Any = "zero",
+    W: Any = None,
+    V: Any = None,
+    estimator: Any = None,
+    cost: Cost = "total",
 ) -> "ClosedLoops":
     """Close the loop of one plant with each of several controllers: the modes.
 
@@ -107,6 +141,18 @@ def close_loops(
     initial : str, array_like, or dict of these by controller, optional
         The controllers' states at the start, as a function of the plant's: ``"zero"`` (default), ``"settled"`` on the
         plant's output at the start, or a matrix.
+    W : array_like, shape (n, n) or (m, n, n), optional
+        Process noise on the plant's state, for all modes or one each: the intensity of white noise in the units of the
+        state, squared, per second for a continuous plant, which is sampled exactly; the covariance per step for a
+        sampled one. None by default.
+    V : array_like, shape (outputs, outputs), optional
+        Covariance of the measurement noise of a sample of y; none by default.
+    estimator : "kalman" or array_like, shape (n, outputs), optional
+        An estimator of the plant's state, for the controllers that are fed by it: the steady Kalman filter
+        (`control.dlqe`), or one with this gain, ``xe+ = A xe + B u + L (y - C xe - D u)``. Its estimate joins the
+        state of the modes, so moments and costs know what it does. By default the state is measured.
+    cost : "total", ("discounted", factor) or "average", optional
+        What a cost for ever is, as for `ModeSet`. With noise the total is infinite, and a choice is asked for.
 
     Returns
     -------
@@ -120,7 +166,8 @@ def close_loops(
         If the plant or a controller is of another kind (nonlinear, a response, ..).
     ValueError
         If shapes don't fit, an entry is not finite, timebases differ, a transfer function is improper, a tracking gain
-        leaves its controller unstable, or a loop is ill-posed (``I + K D`` singular, or nearly so).
+        leaves its controller unstable, an estimate doesn't converge, noise is indefinite, or a loop is ill-posed
+        (``I + K D`` singular, or nearly so).
 
     Examples
     --------
@@ -129,7 +176,7 @@ def close_loops(
     >>> modes = close_loops(plant, {"stiff": [[40, 10]], "lead": lead}, dt=0.01)
     >>> modes
     ModeSet: 2 modes, 3 states, dt = 0.01 s
-    ├── 0  stiff  spectral radius 0.986292
+    ├── 0  stiff  spectral radius 0.949737
     └── 1  lead   spectral radius 0.98569
     >>> modes.states
     ('angle', 'rate', 'lead.x[0]')
@@ -152,13 +199,31 @@ def close_loops(
     behaviours, starts = _by_controller(inactive, names, "inactive"), _by_controller(initial, names, "initial")
     for told, what in ((inactive, "inactive"), (initial, "initial"), (sampling, "sampling")):
         _refuse_for_static(told, what, each)
-    together = assembled(plant, each, behaviours, starts, continuous)
+    noise = _process_noise(W, len(each), plant.nstates)
+    measured = None if V is None else _weight(V, "V", plant.noutputs)
+    if continuous and not (V is None and estimator is None):
+        raise ValueError("V and estimator are of samples; loops closed in continuous time have none")
     if plant.dt == 0 and not continuous:
+        noise = np.stack([sampled_noise(plant.A, Wi, float(period)) for Wi in noise])
         plant = sampled(plant, float(period), "zoh", "the plant")
-    A, gains = closed(plant, together)
+    L = None if estimator is None else filter_gain(plant, estimator, noise, measured)
+    together = assembled(plant, each, behaviours, starts, continuous, L)
+    if V is not None and not together.by_output:
+        raise ValueError("V is the noise of the plant's output, and no controller or estimator measures it")
+    loops = closed(plant, together)
+    A, gains = loops.A, loops.gains
+    entire = np.zeros_like(A)
+    entire[:, : plant.nstates, : plant.nstates] = noise
+    offset = np.zeros(len(each))
+    if measured is not None:
+        entire = entire + loops.noise @ measured @ np.swapaxes(loops.noise, -1, -2)
     if continuous:
+        entire = np.stack([sampled_noise(Ai, Wi, float(period)) for Ai, Wi in zip(A, entire, strict=True)])
         A = np.stack([exact_step(Ai, float(period)) for Ai in A])
-        A = _made_good(A, plant.nstates, each, behaviours)
+        A = made_good(A, plant.nstates, each, behaviours)
+        for others, own, _ in waiting(plant.nstates, each, behaviours):
+            entire[others, own] = 0.0
+            entire[others, :, own] = 0.0
     if not np.isfinite(A).all():
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
     n, z = plant.nstates, len(together.states)
@@ -169,7 +234,10 @@ def close_loops(
         size = n + z if given.shape == (n + z, n + z) else n
         weight[:size, :size] = _weight(Q, "Q", size)
     if R is not None:
-        weight = weight + np.swapaxes(gains, -1, -2) @ _weight(R, "R", plant.ninputs) @ gains
+        effort = _weight(R, "R", plant.ninputs)
+        weight = weight + np.swapaxes(gains, -1, -2) @ effort @ gains
+        if measured is not None:
+            offset = np.einsum("kij,jl,kml,im->k", loops.by_noise, measured, loops.by_noise, effort)
     identity, nothing = np.eye(n), np.zeros((n, z))
     return ClosedLoops(
         A,
@@ -179,55 +247,25 @@ def close_loops(
         gains=gains,
         states=(*plant.state_labels, *together.states),
         plant_states=n,
-        activation=_blocks(np.broadcast_to(identity, (len(each), len(each), n, n)), nothing, together.Ex, together.E),
+        activation=blocks(np.broadcast_to(identity, (len(each), len(each), n, n)), nothing, together.Ex, together.E),
         initial=np.vstack([identity, together.initial]),
+        estimate_states=0 if L is None else n,
+        W=entire,
+        offset=offset,
+        cost=cost,
         plant=None if continuous else plant,
         controllers=None if continuous else together,
+        measurement_noise=measured,
+        error_covariance=None if L is None else error_covariance(plant, L, noise, measured),
     )
 
 
-def closed(plant: control.StateSpace, controllers: Controllers) -> tuple[Array, Array]:
-    """The loops of one plant with each controller: the matrices of the whole state, and the feedback ``u = -K z``."""
-    A, B, C, D = plant.A, plant.B, plant.C, plant.D
-    loop = np.eye(plant.ninputs) + controllers.Hy @ D
-    for name, Hy, each in zip(controllers.names, controllers.Hy, loop, strict=True):
-        # of what cancels where the loop is ill-posed
-        size = 1 + np.linalg.norm(Hy, 2) * np.linalg.norm(D, 2)
-        condition = size / max(np.linalg.norm(each, -2), np.finfo(float).tiny)
-        if not condition < _ILL_POSED:
-            raise ValueError(
-                f"the loop of controllers[{name!r}] is ill-posed, or nearly so: I + K D, D the plant's feedthrough, "
-                f"has condition number {condition:.3g} (at most {_ILL_POSED:.0e} is accepted); change the gain or "
-                "the feedthrough"
-            )
-    gains = np.linalg.solve(loop, np.concatenate([controllers.Hx + controllers.Hy @ C, controllers.Hz], axis=2))
-    m, z = len(gains), len(controllers.states)
-    # x+ = A x + B u and zeta+ = F zeta + Gx x + Gy (C x + D u) + Gu u, with u = -K (x, zeta)
-    open_loop = _blocks(
-        np.broadcast_to(A, (m, *A.shape)), np.zeros((len(A), z)), controllers.Gx + controllers.Gy @ C, controllers.F
-    )
-    into = np.concatenate([np.broadcast_to(B, (m, *B.shape)), controllers.Gu + controllers.Gy @ D], axis=1)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return open_loop - into @ gains, gains
-
-
-def _blocks(A: Array, B: Array, C: Array, D: Array) -> Array:
-    """The matrices [[A, B], [C, D]], one for each of a batch."""
-    B = np.broadcast_to(B, (*A.shape[:-2], *B.shape[-2:]))
-    return np.concatenate([np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2)
-
-
-def _made_good(A: Array, n: int, each: list[Any], behaviours: list[Inactive]) -> Array:
-    """What sampling a closed loop can't know or rounds: the states held, and those that wait for a reset at zero."""
-    begin = n
-    for j, c in enumerate(each):
-        own = slice(begin, begin := begin + len(c.F))
-        kind = behaviours[j] if isinstance(behaviours[j], str) else behaviours[j][0]
-        if kind in ("hold", "reset"):
-            others = np.arange(len(each)) != j
-            A[others, own] = 0.0
-            A[others, own, own] = np.eye(len(c.F)) * (kind == "hold")
-    return A
+def _process_noise(value: Any, m: int, n: int) -> Array:
+    """The noise of each mode."""
+    W = np.zeros((n, n)) if value is None else real_array([[value]] if np.ndim(value) == 0 else value, "W")
+    if W.shape not in ((n, n), (m, n, n)):
+        raise control.ControlDimension(f"W has shape {W.shape}; expected {(n, n)}, or {(m, n, n)} for one a mode")
+    return np.array(np.broadcast_to(positive_semidefinite(W, "W"), (m, n, n)))
 
 
 def _weight(value: Any, name: str, n: int) -> Array:

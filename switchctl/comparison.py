@@ -202,8 +202,6 @@ def compare(
     for label in labelled:
         if not isinstance(label, str):
             raise TypeError(f"methods is labelled with {label!r}; labels are strings")
-        if getattr(labelled[label], "terminal", None) is not None:
-            raise ValueError(f"{label!r} is for a run that ends (terminal), and costs are compared here for ever")
         if label in modes.names:
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
     graph = graph_under(modes, rules)

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph
 from switchctl.moments import Array, svec
-from switchctl.tail_costs import word_value
+from switchctl.values import Value, before_step, switched, word_value
 
 _CYCLES = 32
+_TIE = 1e-12
 
 Nodes = NDArray[np.intp]
 
@@ -26,23 +26,16 @@ Plan = tuple[tuple[int, ...], tuple[int, ...]]
 """How a run goes on: the modes taken once, and the word repeated for ever after."""
 
 
-class Value(NamedTuple):
-    """A cost as a functional of the second moment, ``dk * (tr(P S) + constant)``."""
-
-    P: Array
-    constant: float
-
-
 class Way(NamedTuple):
     """One way on: the mode it takes next from each node (-1: it doesn't lead there), and its end.
 
-    From the nodes of ``ends`` it repeats a word for ever, which costs P, apart from the switch to its first mode; None
-    where that is not finite.
+    From the nodes of ``ends`` it repeats a word for ever, which costs ``value`` after the switch to its first mode;
+    None where that is not finite.
     """
 
     policy: Nodes
     ends: NDArray[np.bool_]
-    P: Array | None
+    value: Value | None
 
 
 class Continuations:
@@ -67,8 +60,15 @@ class Continuations:
 
     def _finite(self) -> NDArray[np.bool_]:
         """Which ways lead on at finite cost, shape (ways, nodes)."""
-        defined = [way.policy >= 0 if way.P is not None else np.zeros(len(self.graph), bool) for way in self.ways]
+        nowhere = np.zeros(len(self.graph), bool)
+        defined = [way.policy >= 0 if way.value is not None else nowhere for way in self.ways]
         return np.array(defined).reshape(-1, len(self.graph))
+
+    def _worth(self, v: int) -> list[int]:
+        """The ways from a node that costs are to be compared of: where costs are averages, those of the least."""
+        numbers = np.flatnonzero(self.finite[:, v]).tolist()
+        rates = [value.rate for number in numbers if (value := self.ways[number].value)]
+        return [number for number, rate in zip(numbers, rates, strict=True) if rate <= min(rates) * (1 + _TIE)]
 
     def _holding(self) -> list[Way]:
         graph = self.graph
@@ -77,7 +77,8 @@ class Continuations:
             policy, ends = way_to_hold(graph, mode)
             if ends.any():
                 self.held[mode] = len(ways)
-                ways.append(Way(policy, ends, graph.modes.tails[mode] if graph.price[mode] == 0 else None))
+                finite = graph.modes.tails[mode] is not None
+                ways.append(Way(policy, ends, word_value(graph, (mode,)) if finite else None))
         return ways
 
     def _cycling(self) -> list[Way]:
@@ -99,9 +100,7 @@ class Continuations:
 
     def before(self, v: int, mode: int, value: Value) -> Value:
         """What a step in a mode from a node and then a way of known value cost."""
-        modes = self.graph.modes
-        P = modes.Q[mode] + transform(modes.A[mode], value.P)
-        return switched(self.graph, v, mode, Value(P, self.graph.price[mode] + value.constant))
+        return switched(self.graph, v, mode, before_step(self.graph, mode, value))
 
     def value(self, v: int, number: int) -> Value:
         """What a way (by its number) that is finite there costs from a node, with the switch to it."""
@@ -110,8 +109,8 @@ class Continuations:
             path.append(v)
             v = int(self.graph.successor[v, way.policy[v]])
         if (number, v) not in self._values:
-            assert way.P is not None
-            self._values[number, v] = switched(self.graph, v, int(way.policy[v]), Value(way.P, 0.0))
+            assert way.value is not None
+            self._values[number, v] = switched(self.graph, v, int(way.policy[v]), way.value)
         value = self._values[number, v]
         for v in reversed(path):
             value = self._values[number, v] = self.before(v, int(way.policy[v]), value)
@@ -120,7 +119,7 @@ class Continuations:
     def table(self, v: int) -> tuple[list[int], Array, Array]:
         """The finite ways from a node: their numbers, and their costs as rows for ``svec(S)`` and constants."""
         if v not in self._tables:
-            numbers = np.flatnonzero(self.finite[:, v]).tolist()
+            numbers = self._worth(v)
             self._tables[v] = numbers, *as_rows(self.graph, [self.value(v, number) for number in numbers])
         return self._tables[v]
 
@@ -156,16 +155,6 @@ def as_rows(graph: SwitchingGraph, values: Sequence[Value]) -> tuple[Array, Arra
     n = graph.modes.A.shape[-1]
     P = np.array([value.P for value in values]).reshape(-1, n, n)
     return svec(P), np.array([value.constant for value in values])
-
-
-def switched(graph: SwitchingGraph, v: int, mode: int, value: Value) -> Value:
-    """The value of what begins with a mode, before the switch to it at a node and with what that costs."""
-    before, dk = graph.last_mode[v], graph.modes.dk
-    fixed, by_w2 = graph.switch_cost[before, mode] / dk, graph.switch_cost_per_w2[before, mode] / dk
-    P = value.P
-    if graph.modes.activation is not None and before >= 0:
-        P = transform(graph.modes.activation[before, mode], P)
-    return Value(P + by_w2 * graph.modes.distance if by_w2 else P, float(value.constant + fixed))
 
 
 def shortest(lead: tuple[int, ...], word: tuple[int, ...]) -> Plan:

@@ -37,7 +37,8 @@ class Controller(NamedTuple):
 class Controllers:
     """All controllers as one linear system that is told which of them acts.
 
-    Its state zeta holds every controller's own. With controller i active,
+    Its state zeta holds every controller's own, and the estimate of an observer where there is one. With controller i
+    active,
 
     ``u = -(Hz_i zeta + Hx_i x + Hy_i y)`` and ``zeta+ = F_i zeta + Gx_i x + Gy_i y + Gu_i u``;
 
@@ -193,27 +194,40 @@ def assembled(
     inactive: list[Inactive],
     initial: list[Any],
     continuous: bool,
+    observer: Array | None = None,
 ) -> Controllers:
     """Put controllers together, each with what it does while inactive and how it starts.
+
+    With the gain of an observer of the sampled plant, zeta ends with its estimate, which takes the place of the
+    plant's state for those fed by it.
 
     In continuous time F, Gx, Gy and Gu are those of the derivative; what `close_loops` can't integrate (a reset) it
     makes good after sampling.
     """
     m, n, p, q = len(each), plant.nstates, plant.noutputs, plant.ninputs
     ends = np.cumsum([0, *(len(c.F) for c in each)])
-    z = int(ends[-1])
+    z = int(ends[-1]) + (0 if observer is None else n)
+    estimate = slice(ends[-1], z)
     F, Gu, Gx, Gy = np.zeros((m, z, z)), np.zeros((m, z, q)), np.zeros((m, z, n)), np.zeros((m, z, p))
     Hz, Hx, Hy = np.zeros((m, q, z)), np.zeros((m, q, n)), np.zeros((m, q, p))
     E, Ex = np.tile(np.eye(z), (m, m, 1, 1)), np.zeros((m, m, z, n))
     start = np.zeros((z, n))
     for j, c in enumerate(each):
         own = slice(ends[j], ends[j + 1])
-        fed, read = (Gx, Hx) if c.by_state else (Gy, Hy)
+        fed, read, reset = (Gx, Hx, Ex) if c.by_state else (Gy, Hy, Ex)
+        if observer is not None:
+            reset = E[..., estimate]
+            if c.by_state:
+                fed, read = F[..., estimate], Hz[..., estimate]
         F[j, own, own], fed[j, own], Hz[j, :, own], read[j] = c.F, c.G, c.H, c.D
         if len(c.F) == 0:
             continue
         kind, matrix = inactive_behaviour(inactive[j], c.label)
         others = np.arange(m) != j
+        if observer is not None and c.by_state and not (isinstance(initial[j], str) and initial[j] == "zero"):
+            raise ValueError(
+                f"initial of {c.label} must be 'zero': it is fed by an estimate, and doesn't know the state"
+            )
         start[own] = initial_map(initial[j], c.F, c.G if c.by_state else c.G @ plant.C, c.label, not continuous)
         if kind == "track":
             L = tracking_gain(c.F, c.G, c.H, c.D, matrix, c.label, c.scale)
@@ -224,7 +238,11 @@ def assembled(
             F[others, own, own] = 0 * c.F if continuous else np.eye(len(c.F))
         else:
             E[others, j, own] = 0.0
-            Ex[others, j, own] = reset_map(matrix, len(c.F), n, c.label)
-    return Controllers(
-        F, Gx, Gy, Gu, Hz, Hx, Hy, E, Ex, start, tuple(c.name for c in each), sum((c.states for c in each), ())
-    )
+            reset[others, j, own] = reset_map(matrix, len(c.F), n, c.label)
+    states = sum((c.states for c in each), ())
+    if observer is not None:  # xe+ = A xe + B u + L (y - C xe - D u)
+        L = observer
+        F[:, estimate, estimate], Gy[:, estimate], Gu[:, estimate] = plant.A - L @ plant.C, L, plant.B - L @ plant.D
+        start[estimate] = np.eye(n)
+        states += tuple(f"estimate.{state}" for state in plant.state_labels)
+    return Controllers(F, Gx, Gy, Gu, Hz, Hx, Hy, E, Ex, start, tuple(c.name for c in each), states)

@@ -4,6 +4,8 @@
 one linear functional of the second moment.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,6 +56,57 @@ def horizon_gramians(A: Array, Q: Array, horizon: int) -> Array:
         if bit == "1":
             G, power = Q + transform(A, G), power @ A
     return G
+
+
+class Block(NamedTuple):
+    """Some steps of each mode: the moment after them is ``A S A' + W``, and they cost ``tr(G S) + constant``.
+
+    With a discount g, that moment is the one times g^t, as later costs count it.
+    """
+
+    A: Array
+    G: Array
+    W: Array
+    constant: Array
+
+    def then(self, later: "Block", weight: float) -> "Block":
+        """These steps, after which costs count so much, and then some more."""
+        W = transform(np.swapaxes(later.A, -1, -2), self.W) + weight * later.W
+        constant = self.constant + weight * later.constant + np.sum(later.G * self.W, axis=(-2, -1))
+        return Block(later.A @ self.A, self.G + transform(self.A, later.G), W, constant)
+
+
+def affine_gramians(A: Array, Q: Array, W: Array, price: Array, discount: float, steps: int) -> Block:
+    """What modes cost over so many steps, with process noise, a running price and a discount, by doubling.
+
+    Parameters
+    ----------
+    A, Q, W : arrays, shape (m, n, n)
+        Modes, their stage weights, and the covariance of their noise.
+    price : array, shape (m,)
+        The constant cost of a step.
+    discount : float
+        What a step's cost counts beside that of the one before; 1 for no discount.
+    steps : int
+        t, at least 1.
+
+    Returns
+    -------
+    Block
+
+    Examples
+    --------
+    >>> one = np.ones((1, 1, 1))
+    >>> affine_gramians(0.5 * one, one, 3 * one, np.zeros(1), 1.0, 3)[1:]  # 1 + 1/4 + 1/16; 3 (1 + 1/4) + 3
+    (array([[[1.3125]]]), array([[[3.9375]]]), array([6.75]))
+    """
+    one = Block(np.sqrt(discount) * A, Q, discount * W, price)
+    block, count = one, 1
+    for bit in bin(steps)[3:]:
+        block, count = block.then(block, discount**count), 2 * count
+        if bit == "1":
+            block, count = one.then(block, discount), count + 1
+    return block
 
 
 def is_schur(A: Array) -> bool:

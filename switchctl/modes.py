@@ -3,19 +3,22 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
 from switchctl.gramians import is_schur, tail, transform
-from switchctl.moments import Array
+from switchctl.moments import Array, root
 from switchctl.tables import html_table
-from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period, whole_number
+from switchctl.validation import frozen, number, positive_semidefinite, real_array, sampling_period, whole_number
 
 if TYPE_CHECKING:
     from control import StateSpace
+
+
+Cost = Literal["total", "average"] | tuple[Literal["discounted"], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,15 @@ class ModeSet:
         ``activation[j, i] @ x``. The identity, nothing, by default; also needed for i = j.
     initial : array_like, shape (n, plant_states), optional
         The state at the start as a linear function of the plant's; by default controllers' states begin at zero.
+    estimate_states : int, optional
+        How many of the states, the last ones, are an estimate of the plant's: they begin at its mean. 0 by default.
+    W : array_like, shape (n, n) or (m, n, n), optional
+        Covariance of the process noise of a step, for all modes or one each; none by default.
+    offset : array_like, shape (m,), optional
+        What a sample in each mode costs besides ``tr(Q_i S)``; nothing by default.
+    cost : "total", ("discounted", factor) or "average", optional
+        What is added up for ever: every sample alike (default); the k-th one times ``factor ** k``, ``0 < factor < 1``;
+        or the average of a step. With noise the total is infinite.
 
     Raises
     ------
@@ -120,6 +132,10 @@ class ModeSet:
     plant_states: int
     activation: Array | None
     initial: Array
+    estimate_states: int
+    W: Array
+    offset: Array
+    cost: Cost
 
     def __init__(
         self,
@@ -133,6 +149,10 @@ class ModeSet:
         plant_states: int | None = None,
         activation: Any = None,
         initial: Any = None,
+        estimate_states: int = 0,
+        W: Any = None,
+        offset: Any = None,
+        cost: Cost = "total",
     ) -> None:
         A = _stack(matrices)
         m, n, _ = A.shape
@@ -142,7 +162,7 @@ class ModeSet:
         weight = np.diag((np.arange(n) < p).astype(float)) if Q is None else real_array(Q, "Q")
         if weight.shape not in ((n, n), (m, n, n)):
             raise ControlDimension(f"Q has shape {weight.shape}; expected {(n, n)} or {(m, n, n)}")
-        fields = {
+        fields: dict[str, Any] = {
             "A": frozen(A),
             "names": _names(names, m, "names", "A{}"),
             "dt": sampling_period(dt),
@@ -152,12 +172,20 @@ class ModeSet:
             "plant_states": p,
             "activation": _activation(activation, m, n),
             "initial": frozen(np.eye(n, p) if initial is None else _initial(initial, n, p)),
+            "estimate_states": whole_number(estimate_states, "estimate_states", 0),
+            "W": frozen(np.zeros_like(A) if W is None else _noise(W, A.shape)),
+            "offset": frozen(np.zeros(m) if offset is None else real_array(offset, "offset", (m,))),
+            "cost": _cost(cost),
         }
+        if fields["estimate_states"] not in (0, p) or p + fields["estimate_states"] > n:
+            raise ValueError(f"estimate_states is {estimate_states}; expected 0, or {p} after the plant's states")
+        if (fields["offset"] < 0).any():
+            raise ValueError(f"offset is {fields['offset'].tolist()}; expected costs of at least 0")
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        rest = ("Q", "gains", "states", "plant_states", "activation", "initial")
+        rest = "Q gains states plant_states activation initial estimate_states W offset cost".split()
         rebuild = partial(type(self), **{name: getattr(self, name) for name in rest})
         return rebuild, (self.A, self.names, self.dt)  # so that copies are checked and read-only too
 
@@ -165,6 +193,21 @@ class ModeSet:
     def dk(self) -> float:
         """The weight of a sample in every cost (the paper's dk): dt in seconds, or 1 where dt is True."""
         return 1.0 if self.dt is True else float(self.dt)
+
+    @property
+    def discount(self) -> float:
+        """What the cost of a step counts beside that of the one before."""
+        return self.cost[1] if isinstance(self.cost, tuple) else 1.0
+
+    @cached_property
+    def noisy(self) -> bool:
+        """Whether there is process noise."""
+        return bool(self.W.any())
+
+    @cached_property
+    def noise_roots(self) -> Array | None:
+        """Factors of the process noise, ``R_i R_i' = W_i``, shape (m, n, n); None without."""
+        return frozen(np.stack([root(W) for W in self.W])) if self.noisy else None
 
     @cached_property
     def A_after(self) -> Array:
@@ -208,11 +251,14 @@ class ModeSet:
 
     @cached_property
     def tails(self) -> tuple[Array | None, ...]:
-        """What each mode costs for ever, ``P_i = Q_i + A_i' P_i A_i``, or None where that is infinite (see `tail`).
+        """What each mode costs for ever, ``P_i = Q_i + g A_i' P_i A_i``, or None where that is infinite (see `tail`).
+
+        g is the discount, 1 without; what noise adds is left out.
 
         Raises `numpy.linalg.LinAlgError` where one can't be computed well enough.
         """
-        tails = [self._of_mode(i, tail, self.A[i], self.Q[i]) for i in range(len(self))]
+        A = np.sqrt(self.discount) * self.A
+        tails = [self._of_mode(i, tail, A[i], self.Q[i]) for i in range(len(self))]
         return tuple(None if P is None else frozen(P) for P in tails)
 
     @cached_property
@@ -333,6 +379,24 @@ def _initial(value: Any, n: int, p: int) -> Array:
     if not np.array_equal(initial[:p], np.eye(p)):
         raise ValueError(f"initial must begin with the identity, since the first {p} states are the plant's own")
     return initial
+
+
+def _noise(value: Any, shape: tuple[int, ...]) -> Array:
+    W = real_array(value, "W")
+    if W.shape not in (shape, shape[1:]):
+        raise ControlDimension(f"W has shape {W.shape}; expected {shape[1:]} or {shape}")
+    return np.array(np.broadcast_to(positive_semidefinite(W, "W"), shape))
+
+
+def _cost(value: Any) -> Cost:
+    if isinstance(value, str) and value in ("total", "average"):
+        return value  # type: ignore[return-value]
+    if isinstance(value, tuple) and len(value) == 2 and value[0] == "discounted":
+        factor = number(value[1], "the discount factor")
+        if not 0 < factor < 1:
+            raise ValueError(f"the discount factor is {factor}; expected a number strictly between 0 and 1")
+        return ("discounted", factor)
+    raise ValueError(f"cost is {value!r}; expected 'total', 'average' or ('discounted', factor)")
 
 
 def _names(names: Iterable[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:

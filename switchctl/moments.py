@@ -115,7 +115,7 @@ def moment_factor(mean: Array, cov: Array) -> Array:
     -------
     array, shape (n, n + 1)
     """
-    return np.column_stack([mean, _root(cov)])
+    return np.column_stack([mean, root(cov)])
 
 
 def second_moment(mean: Array, cov: Array) -> Array:
@@ -131,6 +131,29 @@ def second_moment(mean: Array, cov: Array) -> Array:
     array, shape (..., n, n)
     """
     return mean[..., :, None] * mean[..., None, :] + cov
+
+
+def stepped(F: Array, A: Array, noise_root: Array | None = None) -> Array:
+    """A moment factor one step on: ``F+ = A F``, and with noise the covariance ``A L L' A' + R R'`` factored anew.
+
+    Parameters
+    ----------
+    F : array, shape (n, n + 1)
+        A moment factor.
+    A : array, shape (n, n)
+        The step.
+    noise_root : array, shape (n, n), optional
+        A factor R of the covariance of the noise.
+
+    Returns
+    -------
+    array, shape (n, n + 1)
+    """
+    moved = A @ F
+    if noise_root is None:
+        return moved
+    wide = np.concatenate([moved[:, 1:], noise_root], axis=1)
+    return np.column_stack([moved[:, 0], np.asarray(np.linalg.qr(wide.T, mode="r")).T])
 
 
 def trajectory(A: Array, steps: Iterable[Any], F: Array) -> Array:
@@ -175,7 +198,7 @@ def constant_w2(A: Array, S: Array, steps: int, plant_states: int | None = None)
         Infinite beyond the floating-point range.
     """
     w2 = np.empty((len(A), steps))
-    F = np.broadcast_to(_root(S), A.shape)
+    F = np.broadcast_to(root(S), A.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(steps):
             counted = F[:, :plant_states]
@@ -184,8 +207,18 @@ def constant_w2(A: Array, S: Array, steps: int, plant_states: int | None = None)
     return np.where(np.isnan(w2), np.inf, w2)  # inf - inf is beyond the range
 
 
-def _root(S: Array) -> Array:
-    """A factor L of a positive semidefinite matrix, ``L L' = S``, computed in units fit for each state."""
+def root(S: Array) -> Array:
+    """A factor L of a positive semidefinite matrix, ``L L' = S``, computed in units fit for each state.
+
+    Parameters
+    ----------
+    S : array, shape (n, n)
+        The matrix.
+
+    Returns
+    -------
+    array, shape (n, n)
+    """
     diagonal = np.diag(S)
     unit = np.exp2(np.round(np.log2(np.where(diagonal > 0, diagonal, 1.0)) / 2))
     eigenvalues, vectors = np.linalg.eigh(S / unit / unit[:, None])

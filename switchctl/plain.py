@@ -36,6 +36,10 @@ def plain_system(graph: SwitchingGraph, x0: Gaussian) -> dict[str, Any]:
         "plant_states": modes.plant_states,
         "activation": None if modes.activation is None else modes.activation.tolist(),
         "initial": modes.initial.tolist(),
+        "estimate_states": modes.estimate_states,
+        "W": modes.W.tolist(),
+        "offset": modes.offset.tolist(),
+        "criterion": modes.cost,
         "rules": _plain_record(graph.rules),
         "edges": graph.automaton_edges,
     }
@@ -53,6 +57,10 @@ def read_system(document: Mapping[str, Any]) -> tuple[SwitchingGraph, Gaussian]:
         plant_states=document["plant_states"],
         activation=document["activation"],
         initial=document["initial"],
+        estimate_states=document["estimate_states"],
+        W=document["W"],
+        offset=document["offset"],
+        cost=tuple(cost) if isinstance(cost := document["criterion"], list) else cost,
     )
     told = _read(document["rules"])
     if not isinstance(told, dict):

@@ -19,12 +19,13 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import initial_state
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, moment_factor, trajectory
+from switchctl.moments import Array, moment_factor, stepped, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
 from switchctl.result_text import facts, heading
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
 from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
+from switchctl.values import require_criterion
 
 if TYPE_CHECKING:
     import pandas
@@ -155,14 +156,14 @@ class Schedule:
     @cached_property
     def _run(self) -> tuple[Array, Array, Gaussian]:
         """W2 and stage cost of each step, and the Gaussian after the last."""
-        A, Q, plant = self.modes.A_after, self.modes.Q_after, self.modes.plant_states
+        Q, plant = self.modes.Q_after, self.modes.plant_states
         F = moment_factor(self.x0.mean, self.x0.cov)
         w2, stage = np.empty(len(self)), np.empty(len(self))
         with np.errstate(over="ignore", invalid="ignore"):
             for k, step in enumerate(zip(self._before, self.sequence, strict=True)):
                 w2[k] = np.sum(F[:plant] ** 2)
                 stage[k] = np.vdot(F, Q[step] @ F)
-                F = A[step] @ F
+                F = self._stepped(F, *step)
             left = np.flatnonzero(~np.isfinite([*w2, np.vdot(F, F)]))
         if len(left):
             raise FloatingPointError(f"W2 exceeds the floating-point range after step {left[0] - 1}")
@@ -186,16 +187,21 @@ class Schedule:
     @cached_property
     def mean(self) -> Array:
         """Mean of the state, shape (n, N): time runs along the last axis, as in python-control."""
-        return frozen(self._trajectory(self.x0.mean[:, None])[:, :, 0].T)
+        steps = zip(self._before[:-1], self.sequence[:-1], strict=True)
+        return frozen(trajectory(self.modes.A_after, steps, self.x0.mean[:, None])[:, :, 0].T)
 
     @cached_property
     def cov(self) -> Array:
         """Covariance of the state, shape (N, n, n)."""
-        roots = self._trajectory(moment_factor(self.x0.mean, self.x0.cov)[:, 1:])
+        factors = [moment_factor(self.x0.mean, self.x0.cov)]
+        for before, mode in zip(self._before[:-1], self.sequence[:-1], strict=True):
+            factors.append(self._stepped(factors[-1], before, mode))
+        roots = np.array(factors)[:, :, 1:]
         return frozen(roots @ np.swapaxes(roots, -1, -2))
 
-    def _trajectory(self, F: Array) -> Array:
-        return trajectory(self.modes.A_after, zip(self._before[:-1], self.sequence[:-1], strict=True), F)
+    def _stepped(self, F: Array, before: int, mode: int) -> Array:
+        noise = self.modes.noise_roots
+        return stepped(F, self.modes.A_after[before, mode], None if noise is None else noise[mode])
 
     @property
     def final(self) -> Gaussian:
@@ -205,13 +211,19 @@ class Schedule:
     @cached_property
     def _parts(self) -> tuple[CostParts, CostParts]:
         """The cost of the steps and of what follows them."""
-        graph, dk, (w2, stage, final) = self.graph, self.modes.dk, self._run
-        before = self._before
+        graph, modes, (w2, stage, final), before = self.graph, self.modes, self._run, self._before
+        weight = modes.discount ** np.arange(len(self))
         switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
-        steps = CostParts(float(dk * stage.sum()), float(switching.sum()), float(dk * graph.price[self.sequence].sum()))
+        each = modes.dk * (stage + modes.offset[self.sequence]), switching, modes.dk * graph.price[self.sequence]
+        steps = CostParts(*(float(weight @ part) for part in each))
+        last = modes.discount ** len(self)
         if self.terminal is not None:
-            return steps, CostParts(float(dk * np.sum(self.terminal * final.second_moment)), 0.0, 0.0)
-        return steps, tail_parts(graph, int(self.sequence[-1]), self.lead, self.tail, final.second_moment)
+            return steps, CostParts(float(last * modes.dk * np.sum(self.terminal * final.second_moment)), 0.0, 0.0)
+        require_criterion(modes)
+        tail = tail_parts(graph, int(self.sequence[-1]), self.lead, self.tail, final.second_moment)
+        if modes.cost == "average":
+            return CostParts(0.0, 0.0, 0.0), tail
+        return steps, CostParts(*(last * part for part in tail))
 
     @property
     def tail_cost(self) -> float:

@@ -107,3 +107,32 @@ def exact_step(A: Array, period: float) -> Array:
     for _ in range(A.shape[-1].bit_length()):
         linked = linked @ linked
     return np.where(linked, step, 0.0)
+
+
+def sampled_noise(A: Array, W: Array, period: float) -> Array:
+    """The covariance that white noise of intensity W adds in a period, ``int_0^period e^(A t) W e^(A' t) dt``.
+
+    By one matrix exponential (C. Van Loan, Computing integrals involving the matrix exponential, IEEE Transactions on
+    Automatic Control 23, 1978), over a part of the period that keeps it accurate, and doubling.
+
+    Parameters
+    ----------
+    A, W : arrays, shape (n, n)
+        The system and the intensity.
+    period : float
+        In seconds.
+
+    Returns
+    -------
+    array, shape (n, n)
+    """
+    n = len(A)
+    halvings = max(0, int(np.ceil(np.log2(max(float(np.linalg.norm(A, 1)) * period, 1e-300)))))
+    whole = np.block([[-A, W], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
+    both = expm(whole)
+    step = both[n:, n:].T
+    covariance = step @ both[:n, n:]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(halvings):
+            covariance, step = covariance + step @ covariance @ step.T, step @ step
+    return (covariance + covariance.T) / 2

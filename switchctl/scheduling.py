@@ -1,15 +1,21 @@
 """The verb: run a method along the predicted moments."""
 
+from typing import Any
+
+import numpy as np
+from control import ControlDimension
+
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
 from switchctl.methods.base import initial_state
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.modes import ModeSet
-from switchctl.moments import moment_factor
+from switchctl.moments import Array, moment_factor
 from switchctl.result import Schedule
 from switchctl.rules import Rules
-from switchctl.validation import whole_number
+from switchctl.validation import positive_semidefinite, real_array, whole_number
+from switchctl.values import require_criterion
 
 
 def schedule(
@@ -18,6 +24,8 @@ def schedule(
     method: Method,
     steps: int | None = None,
     rules: Rules | SwitchingGraph | None = None,
+    *,
+    terminal: Any = None,
 ) -> Schedule:
     """Decide which mode acts at each step, by a method run along the predicted moments.
 
@@ -38,6 +46,9 @@ def schedule(
     rules : Rules or SwitchingGraph, optional
         What limits or prices switching; nothing by default. They hold for the run, which never ends: for the steps
         listed and for the tail that follows them.
+    terminal : array_like, shape (n, n), optional
+        For a run that ends after ``steps``: a positive semidefinite weight M of the state there, which costs
+        ``dk * tr(M S_N)``; of the plant's states or of all. By default the run goes on for ever.
 
     Returns
     -------
@@ -68,11 +79,15 @@ def schedule(
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
     steps = None if steps is None else whole_number(steps, "steps")
-    graph = graph_under(modes, rules)
+    graph, M = graph_under(modes, rules), None
+    if terminal is None:
+        require_criterion(modes)
+    else:
+        M = _terminal(modes, terminal, steps)
     scheduler = method.start(graph)
-    scheduler.steps, scheduler.initial = steps, x0.second_moment
+    scheduler.steps, scheduler.initial, scheduler.terminal = steps, x0.second_moment, M
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
-    lead, word = scheduler.tail(F @ F.T)
+    lead, word = scheduler.tail(F @ F.T) if M is None else ((), ())
     return Schedule(
         modes,
         x0,
@@ -85,5 +100,21 @@ def schedule(
         graph,
         scheduler.statistics,
         scheduler.lower_bound,
-        scheduler.terminal,
+        M,
     )
+
+
+def _terminal(modes: ModeSet, value: Any, steps: int | None) -> Array:
+    """The weight of the state at the end of a run that ends."""
+    if steps is None:
+        raise ValueError("terminal is the weight of the state at the end of a run; say when it ends, steps=N")
+    if modes.cost == "average":
+        raise ValueError("terminal is for a run that ends, and cost='average' for one that goes on for ever")
+    n, p = len(modes.distance), modes.plant_states
+    M = real_array(value, "terminal")
+    if M.shape not in ((n, n), (p, p)):
+        plant = f", or {(p, p)} for those of the plant" if p < n else ""
+        raise ControlDimension(f"terminal has shape {M.shape}; the modes have {n} states, so expected {(n, n)}{plant}")
+    whole = np.zeros((n, n))
+    whole[: len(M), : len(M)] = positive_semidefinite(M, "terminal")
+    return whole

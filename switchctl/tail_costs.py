@@ -1,13 +1,12 @@
-"""What follows a schedule's last step costs: modes taken once, then a word repeated for ever."""
+"""What follows a schedule's last step costs, in parts: modes taken once, then a word repeated for ever."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from switchctl.gramians import transform, word_tail
 from switchctl.graph import SwitchingGraph
-from switchctl.modes import ModeSet
 from switchctl.moments import Array
+from switchctl.values import cost_of, repeated
 
 
 class CostParts(NamedTuple):
@@ -18,8 +17,31 @@ class CostParts(NamedTuple):
     running: float
 
 
+def step_parts(graph: SwitchingGraph, before: int, mode: int, S: Array) -> tuple[float, float, float]:
+    """What a step costs per dk: the state, the switch and the running price.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The modes and what switches cost.
+    before, mode : int
+        The modes.
+    S : array, shape (n, n)
+        The second moment before the switch.
+
+    Returns
+    -------
+    tuple of float
+    """
+    modes, dk = graph.modes, graph.modes.dk
+    w2 = float(np.sum(modes.distance * S))
+    state = float(np.sum(modes.Q_after[before, mode] * S) + modes.offset[mode])
+    switch = graph.switch_cost[before, mode] + graph.switch_cost_per_w2[before, mode] * w2
+    return state, float(switch / dk), float(graph.price[mode])
+
+
 def tail_parts(graph: SwitchingGraph, before: int, lead: tuple[int, ...], word: tuple[int, ...], S: Array) -> CostParts:
-    """Cost of a lead and then a word repeated for ever.
+    """Cost of a lead and then a word repeated for ever; of an average, that of the word.
 
     Parameters
     ----------
@@ -36,83 +58,35 @@ def tail_parts(graph: SwitchingGraph, before: int, lead: tuple[int, ...], word: 
     -------
     CostParts
     """
-    modes, dk = graph.modes, graph.modes.dk
-    state = switching = running = 0.0
+    modes, paid, weight = graph.modes, np.zeros(3), 1.0
     for mode in lead:
+        paid += weight * np.array(step_parts(graph, before, mode, S))
         A = modes.A_after[before, mode]
-        state += dk * np.sum(modes.Q_after[before, mode] * S)
-        switching += _switch(graph, before, mode, S)
-        running += dk * graph.price[mode]
-        before, S = mode, A @ S @ A.T
-    by_state, by_switches = word_costs(graph, word)
-    switching += _switch(graph, before, word[0], S)
-    if modes.activation is not None:
-        E = modes.activation[before, word[0]] if before >= 0 else np.eye(len(S))
-        S = E @ S @ E.T
-    state += np.inf if by_state is None else float(dk * np.sum(by_state * S))
-    switching += np.inf if by_switches is None else float(np.sum(by_switches * S))
-    if graph.price[list(word)].any():
-        running = np.inf
-    return CostParts(float(state), float(switching), float(running))
+        S, before, weight = A @ S @ A.T + modes.W[mode], mode, weight * modes.discount
+    for_ever = np.array(_word_parts(graph, before, word, S))
+    if modes.cost == "average":
+        return CostParts(*for_ever.tolist())
+    return CostParts(*(modes.dk * paid + weight * for_ever).tolist())
 
 
-def _switch(graph: SwitchingGraph, before: int, mode: int, S: Array) -> float:
-    w2 = np.sum(graph.modes.distance * S)
-    return float(graph.switch_cost[before, mode] + graph.switch_cost_per_w2[before, mode] * w2)
-
-
-def word_value(graph: SwitchingGraph, word: tuple[int, ...]) -> Array | None:
-    """Cost matrix per dk of a word repeated for ever, after the switch to its first mode.
-
-    Parameters
-    ----------
-    graph : SwitchingGraph
-        The modes and what switches cost.
-    word : tuple of int
-        The modes.
-
-    Returns
-    -------
-    array, shape (n, n), or None
-        None where it is infinite.
-    """
-    state, switching = word_costs(graph, word)
-    if state is None or switching is None or graph.price[list(word)].any():
-        return None
-    return state + switching / graph.modes.dk
-
-
-def word_costs(graph: SwitchingGraph, word: tuple[int, ...]) -> tuple[Array | None, Array | None]:
-    """Cost matrices of a word repeated for ever, after the switch to its first mode.
-
-    Parameters
-    ----------
-    graph : SwitchingGraph
-        The modes and what switches cost.
-    word : tuple of int
-        The modes.
-
-    Returns
-    -------
-    state, switching : arrays, shape (n, n), or None
-        What the state costs, per dk, and what switches cost; None where it is infinite.
-    """
-    modes, here, before = graph.modes, np.array(word), np.array([word[-1], *word[:-1]])
-    A, Q = modes.A_after[before, here], modes.Q_after[before, here]
-    state = _after_switch(modes, word, A, Q, modes.Q[word[0]])
-    if graph.switch_cost[before, here].any():
-        return state, None
-    by_w2 = graph.switch_cost_per_w2[before, here, None, None] * modes.distance
-    return state, _after_switch(modes, word, A, by_w2, np.zeros_like(modes.distance))
-
-
-def _after_switch(modes: ModeSet, word: tuple[int, ...], A: Array, Q: Array, first: Array) -> Array | None:
-    """What steps A at the costs Q cost, repeated for ever, where the first one begins after its switch."""
-    if not Q.any():
-        return np.zeros_like(first)
-    P = word_tail(A, Q, tuple(range(len(word))))
-    if P is None or (np.array_equal(A[0], modes.A[word[0]]) and np.array_equal(Q[0], first)):
-        return P
-    for k in range(len(word) - 1, 0, -1):
-        P = Q[k] + transform(A[k], P)
-    return first + transform(modes.A[word[0]], P)
+def _word_parts(graph: SwitchingGraph, before: int, word: tuple[int, ...], S: Array) -> list[float]:
+    """What a word repeated for ever costs, by state, switches and running price."""
+    modes, dk, first = graph.modes, graph.modes.dk, word[0]
+    here, there = np.array(word), np.array([word[-1], *word[:-1]])
+    nothing, free = np.zeros_like(modes.Q_after[there, here]), np.zeros(len(word))
+    by_w2 = graph.switch_cost_per_w2[there, here, None, None] / dk * modes.distance
+    charges = [
+        (modes.Q_after[there, here], modes.offset[here], (modes.Q[first], float(modes.offset[first]))),
+        (by_w2, graph.switch_cost[there, here] / dk, (nothing[0], 0.0)),
+        (nothing, free + graph.price[here], (nothing[0], float(graph.price[first]))),
+    ]
+    entry = step_parts(graph, before, first, S)[1]
+    if modes.activation is not None and before >= 0:
+        S = modes.activation[before, first] @ S @ modes.activation[before, first].T
+    costs = []
+    for Q, r, begin in charges:
+        value = repeated(modes, word, Q, r, begin)
+        costs.append(np.inf if value is None else cost_of(modes, value, S))
+    if modes.cost != "average":
+        costs[1] += dk * entry
+    return costs

@@ -167,7 +167,7 @@ def test_every_way_on_costs_what_it_says():
         for v in range(len(graph)):
             for number, *_ in zip(ways.table(v)[0], strict=True):
                 lead, word = ways.path(v, number)
-                P, constant = ways.value(v, number)
+                P, constant, _ = ways.value(v, number)
                 node, moment, cost = v, S, 0.0
                 for mode in [*lead, *(word * 200)]:
                     before = graph.last_mode[node]

@@ -44,7 +44,7 @@ def check_finite(modes, x0, rules, steps, rng):
         costs[run] = true_cost(modes, x0, rules, run) + modes.dk * np.vdot(M, product @ S0 @ product.T)
     least = min(costs.values())
     gap = rng.choice([0.3, 1e-2, 1e-6])
-    result = schedule(modes, x0, Optimal(gap=gap, terminal=M), steps, graph)
+    result = schedule(modes, x0, Optimal(gap=gap), steps, graph, terminal=M)
     run = tuple(result.sequence.tolist())
     assert violations(modes, rules, run) == []
     assert result.tail == result.lead == ()

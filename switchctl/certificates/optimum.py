@@ -17,8 +17,8 @@ from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.search import Search
 from switchctl.result import Schedule
-from switchctl.tail_costs import word_value
 from switchctl.validation import number, whole_number
+from switchctl.values import require_plain_total, switched, word_value
 
 _LARGEST = 20_000  # nodes and choices of a graph
 _FIRST = 0.5
@@ -150,6 +150,9 @@ def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time
     prefixes = whole_number(prefixes, "prefixes")
     if not (0 < gap < 1 and time_limit > 0):
         raise ValueError(f"gap = {gap}, time_limit = {time_limit}; expected 0 < gap < 1 and seconds above 0")
+    require_plain_total(schedule.modes, "a certificate")
+    if schedule.modes.activation is not None:
+        raise ValueError("a certificate is for modes whose switches leave the state as it is (no ModeSet.activation)")
     if not np.isfinite(schedule.cost):
         raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
     writer = _Writer(schedule)
@@ -305,8 +308,8 @@ class _Writer:
         path, word = path + word * nodes.index(node), word * (len(nodes) - nodes.index(node))
         value = word_value(graph, tuple(word))
         assert value is not None  # the cost is finite
-        dk, before = graph.modes.dk, int(graph.last_mode[node])
-        P = self.decisions.scaled_cost(value + graph.switch_cost_per_w2[before, word[0]] / dk * np.eye(len(value)))
+        dk = graph.modes.dk
+        P = self.decisions.scaled_cost(switched(graph, node, word[0], value).P)
         lightest = float(np.linalg.eigvalsh(self.lower.least)[0])
         P = P * (1 + 1e-9 + 1e4 * np.finfo(float).eps * np.linalg.norm(P) / lightest)
         return {

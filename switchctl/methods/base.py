@@ -224,9 +224,10 @@ class Scheduler(ABC):
         Parameters
         ----------
         mean : array_like, shape (n,)
-            Mean of the state (or the measured state).
+            Mean of the state (or the measured state). Where the last states of the modes are an estimate of the
+            plant's, it may be left out: the mean of the plant's state is the estimate.
         cov : array_like, shape (n, n), optional
-            Its covariance; zero by default: the state is known.
+            Its covariance, or that of the plant's states alone; zero by default: the state is known.
 
         Returns
         -------
@@ -241,9 +242,7 @@ class Scheduler(ABC):
         FloatingPointError
             If the second moment or a cost exceeds the floating-point range.
         """
-        n = self.modes.A.shape[-1]
-        mean = real_array(mean, "mean", (n,))
-        cov = np.zeros((n, n)) if cov is None else positive_semidefinite(real_array(cov, "cov", (n, n)), "cov")
+        mean, cov = self._told(mean, cov)
         with np.errstate(over="ignore", invalid="ignore"):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
@@ -252,6 +251,24 @@ class Scheduler(ABC):
         if self.interrupted and not interrupted:
             raise KeyboardInterrupt  # the loop that calls is meant, not the search alone
         return mode
+
+    def _told(self, mean: Any, cov: Any) -> tuple[Array, Array]:
+        """The mean and covariance of the whole state, from what a filter knows."""
+        n, p, e = self.modes.A.shape[-1], self.modes.plant_states, self.modes.estimate_states
+        mean = real_array(mean, "mean")
+        if e and mean.shape == (n - e,):
+            mean = np.append(mean, mean[:p])
+        if mean.shape != (n,):
+            less = f", or ({n - e},) without the estimate" if e else ""
+            raise ControlDimension(f"mean has shape {mean.shape}; expected ({n},){less}")
+        whole = np.zeros((n, n))
+        if cov is not None:
+            cov = real_array(cov, "cov")
+            if cov.shape not in ((n, n), (p, p)):
+                plant = f", or {(p, p)} of the plant's states alone" if p < n else ""
+                raise ControlDimension(f"cov has shape {cov.shape}; expected {(n, n)}{plant}")
+            whole[: len(cov), : len(cov)] = positive_semidefinite(cov, "cov")
+        return mean, whole
 
 
 class _Shape(tuple[int, ...]):
@@ -302,7 +319,9 @@ def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
     if x0.mean.shape == (n,):
         return x0
     if x0.mean.shape == (p,):
-        return Gaussian(M @ x0.mean, symmetric(M @ x0.cov @ M.T, "cov"))
+        uncertain = M.copy()
+        uncertain[n - modes.estimate_states :] = 0.0
+        return Gaussian(M @ x0.mean, symmetric(uncertain @ x0.cov @ uncertain.T, "cov"))
     plant = f", or of the {p} of the plant, so ({p},)" if p < n else ""
     raise ControlDimension(
         f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},){plant}"

@@ -10,6 +10,7 @@ from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, initial_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
+from switchctl.values import cost_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,8 +87,7 @@ def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
     ways = Continuations(graph)
     for mode, number in ways.held.items():
         if ways.finite[number, 0]:
-            value = ways.value(0, number)
-            costs[mode] = graph.modes.dk * (np.sum(value.P * S) + value.constant)
+            costs[mode] = cost_of(graph.modes, ways.value(0, number), S)
     return costs
 
 

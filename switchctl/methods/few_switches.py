@@ -16,9 +16,10 @@ from switchctl.methods.orbits import Orbit, held_nodes
 from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import CEILING
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, svec
+from switchctl.moments import Array
 from switchctl.optimum.minorants import lower_bounds
 from switchctl.validation import whole_number
+from switchctl.values import Value, word_value
 
 _CHUNK = 256
 _NEGLIGIBLE = 1e-13
@@ -87,10 +88,10 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
         self.max_switches = max_switches if allowed is None else min(max_switches, allowed)
         modes = self.modes
         self.orbits = [Orbit(K) for K in self.maps]
-        self.tails = svec(
-            np.stack([np.zeros_like(Q) if P is None else P for P, Q in zip(modes.tails, modes.Q, strict=True)])
-        )
-        final = [P is not None and graph.price[i] == 0 for i, P in enumerate(modes.tails)]
+        values = [None if P is None else word_value(graph, (i,)) for i, P in enumerate(modes.tails)]
+        nothing = Value(np.zeros_like(modes.distance), 0.0)
+        self.tails = np.stack([self.row(value or nothing) for value in values])
+        final = [value is not None for value in values]
         self.final = np.isinf(graph.holds) & final  # which mode may be held for ever at finite cost from a node
         self.suffixes: dict[tuple[int, int], Array] = {}
         if fewest_switches(graph, self.final) > max_switches:
@@ -101,13 +102,17 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
 
     @cached_property
     def bounds(self) -> Array:
-        """What goes on from a moment costs at least ``max_j bounds[j] . svec(S)``."""
-        return lower_bounds(*self.modes.every_step)
+        """What goes on from a moment costs at least ``max_j bounds[j] . s``."""
+        A, Q = self.modes.every_step
+        rows = lower_bounds(np.sqrt(self.modes.discount) * A, Q)
+        return np.column_stack([rows, np.zeros(len(rows))])
 
     def search(self, S: Array) -> Plan:
+        if self.terminal is not None:
+            raise ValueError("FewSwitches plans a run that goes on for ever; for one that ends use Optimal or Refine")
         self.best, self.compared = np.inf, 0
         self.blocks: list[tuple[int, int]] = []  # modes and steps, the last one for ever
-        graph, s, before = self.graph, svec(S), self.graph.start_mode
+        graph, s, before = self.graph, self.moment(S), self.graph.start_mode
         firsts = np.flatnonzero(graph.successor[0] >= 0).tolist()
         try:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -171,7 +176,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
         while True:
             nodes = held_nodes(self.graph, node, i, length)
             moments = self.orbits[i].from_(s, len(nodes) - 1)
-            stage = moments[:-1] @ self.stages[i] + self.graph.price[i]
+            stage = moments[:-1] @ self.stages[i]
             costs = np.concatenate([[0.0], np.cumsum(stage)]) + cost
             finite = np.isfinite(costs) & np.isfinite(moments).all(axis=1)
             over = ~finite | ~self._worth(np.where(finite, costs, np.inf), np.where(finite[:, None], moments, 0.0))
@@ -183,7 +188,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
             length = min(4 * length, CEILING)
 
     def _suffix(self, j: int, last: int) -> Array:
-        """Rows for ``svec(S)``: mode j for t = 1 .. steps and then the last mode for ever, apart from constants."""
+        """Rows: mode j for t = 1 .. steps and then the last mode for ever."""
         if (j, last) not in self.suffixes:
             d = len(self.distance)
             affine = np.zeros((d + 1, d + 1))
@@ -196,7 +201,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
         self, i: int, j: int, first: NDArray[np.intp], nodes: NDArray[np.intp], moments: Array, costs: Array, past: Any
     ) -> None:
         """Mode i for ``first`` steps, j for t steps, each last mode for ever: every pair of instants at once."""
-        graph, t = self.graph, np.arange(1, _CHUNK + 1)
+        graph = self.graph
         lasts = [last for last in range(len(self.modes)) if last != j]
         done = 0
         while len(first) and done < CEILING:
@@ -206,13 +211,12 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
             for last in lasts:
                 allowed = (after >= 0) & self.final[after, last]
                 if allowed.any():
-                    constants = t * graph.price[j] + self.fixed[j, last]
-                    ends = moments @ self._suffix(j, last).T + constants + costs[:, None]
+                    ends = moments @ self._suffix(j, last).T + costs[:, None]
                     if (place := self._offer(np.where(allowed, ends, np.inf))) is not None:
                         row, column = divmod(place, _CHUNK)
                         self.blocks = [*past, (i, int(first[row])), (j, done + column + 1), (last, 0)]
             done += _CHUNK
-            costs = costs + moments @ self._suffix(j, -1)[-1] + _CHUNK * graph.price[j]
+            costs = costs + moments @ self._suffix(j, -1)[-1]
             moments = moments @ self.orbits[j].square(_CHUNK.bit_length() - 1).T
             gone = self.final[nodes, j] & (moments @ self.tails[j] <= _NEGLIGIBLE * costs)
             going = (nodes >= 0) & np.isfinite(costs) & ~gone

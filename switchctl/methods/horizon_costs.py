@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.continuation import Value, as_rows, switched
-from switchctl.gramians import horizon_gramians, transform
+from switchctl.continuation import as_rows
+from switchctl.gramians import Block, affine_gramians, transform
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array
+from switchctl.values import Value, switched
 
 _TABLES = 1024
 
@@ -41,7 +42,7 @@ class HorizonCosts:
 
     def __init__(self, scheduler: Scheduler, hold: int) -> None:
         self.scheduler, self.graph, self.hold = scheduler, scheduler.graph, hold
-        self.gramians: dict[int, Array] = {}
+        self.blocks: dict[int, Block] = {}
         self.candidates: dict[tuple[int, int | float], Candidates] = {}
 
     def at(self, node: int, T: int | float) -> Candidates:
@@ -49,7 +50,7 @@ class HorizonCosts:
         if (node, T) not in self.candidates:
             if len(self.candidates) == _TABLES:  # a horizon that keeps changing must not fill the memory
                 self.candidates.clear()
-                self.gramians.clear()
+                self.blocks.clear()
             self.candidates[node, T] = self._for_ever(node) if T == math.inf else self._over(node, int(T))
         return self.candidates[node, T]
 
@@ -68,7 +69,7 @@ class HorizonCosts:
 
     def _over(self, node: int, T: int) -> Candidates:
         """Every mode held over ``k = 0 .. T``, or as long as the rules allow and then another that they allow."""
-        graph, A = self.graph, self.graph.modes.A
+        graph = self.graph
         values, plans = [], []
         for i in np.flatnonzero(self.moves[node]).tolist():
             longest = graph.holds[node, i]
@@ -77,11 +78,10 @@ class HorizonCosts:
                 values.append(switched(graph, node, i, self._held(i, h)))
                 plans.append([i] * int(min(longest, self.hold)))
                 continue
-            then, power = int(graph.walk([i] * h, node)[-1]), np.linalg.matrix_power(A[i], h)
+            then = int(graph.walk([i] * h, node)[-1])
             for j in np.flatnonzero(self.moves[then]).tolist():
-                rest, first = switched(graph, then, j, self._held(j, T + 1 - h)), self._held(i, h)
-                both = Value(first.P + transform(power, rest.P), first.constant + rest.constant)
-                values.append(switched(graph, node, i, both))
+                rest = switched(graph, then, j, self._held(j, T + 1 - h))
+                values.append(switched(graph, node, i, self._held(i, h, rest)))
                 plans.append(([i] * h + [j] * int(min(graph.holds[then, j], self.hold)))[: self.hold])
         return Candidates(*as_rows(graph, values), plans)
 
@@ -95,17 +95,22 @@ class HorizonCosts:
         lasting = (heads >= 0) & reaching[heads]
         return np.where(lasting.any(axis=1)[:, None], lasting, heads >= 0)
 
-    def _held(self, mode: int, steps: int) -> Value:
-        """What a mode costs over some steps."""
-        if steps not in self.gramians:
-            modes = self.graph.modes
+    def _held(self, mode: int, steps: int, after: Value | None = None) -> Value:
+        """What a mode costs over some steps, and then perhaps something of known value."""
+        modes, graph = self.graph.modes, self.graph
+        if steps not in self.blocks:
             with np.errstate(over="ignore", invalid="ignore"):
-                self.gramians[steps] = horizon_gramians(modes.A, modes.Q, steps - 1)
-        P = self.gramians[steps][mode]
+                self.blocks[steps] = affine_gramians(
+                    modes.A, modes.Q, modes.W, graph.price + modes.offset, modes.discount, steps
+                )
+        block = self.blocks[steps]
+        P, paid = block.G[mode], float(block.constant[mode])
+        if after is not None:
+            P = P + transform(block.A[mode], after.P)
+            paid += float(np.sum(after.P * block.W[mode]) + modes.discount**steps * after.constant)
         if not np.isfinite(P).all():
-            modes = self.graph.modes
             raise ValueError(
                 f"the cost of mode {modes.names[mode]!r} over a horizon of {steps - 1} steps exceeds the "
                 f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter horizon"
             )
-        return Value(P, steps * float(self.graph.price[mode]))
+        return Value(P, paid)

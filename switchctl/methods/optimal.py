@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -23,7 +23,8 @@ from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search
 from switchctl.rules import Rules
-from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
+from switchctl.validation import number, whole_number
+from switchctl.values import require_plain_total
 
 OPTIMAL = 1e-9
 """A proven gap of at most this fraction of the cost is called optimal."""
@@ -65,8 +66,9 @@ class Optimal(Method):
 
     It plans at its first sample, and doesn't look at later ones. The schedule has its proven ``lower_bound`` and
     ``gap``; its ``status`` is "optimal" (the gap is at most 1e-9), "gap reached", "time limit", "memory limit",
-    "precision limit" (rounding hides the rest), "interrupted" or "no stabilising sequence found". With ``steps`` and no
-    terminal weight the schedule lists the first steps of a run for ever.
+    "precision limit" (rounding hides the rest), "interrupted" or "no stabilising sequence found". A run that ends is
+    asked for by ``schedule(.., steps=N, terminal=M)``; with ``steps`` alone the schedule lists the first steps of a run
+    for ever. It is for total costs without noise.
 
     Parameters
     ----------
@@ -74,9 +76,6 @@ class Optimal(Method):
         The gap to prove, as a fraction of the cost.
     time_limit : float, optional
         Seconds after which the best sequence is returned with the gap proven so far.
-    terminal : array_like, shape (n, n), optional
-        For a run that ends after the schedule's ``steps``: a positive semidefinite weight M of the state at its end,
-        which costs ``dk * tr(M S_N)``. Without it, the run goes on for ever.
     memory_limit : float, optional
         Bytes that the search may take.
     callback : callable, optional
@@ -85,7 +84,7 @@ class Optimal(Method):
     Raises
     ------
     TypeError, ValueError
-        If a setting is of the wrong kind or value; from `schedule`, if there is a terminal weight and no ``steps``.
+        If a setting is of the wrong kind or value; from `start` and `schedule`, if there is noise or a discount.
 
     Examples
     --------
@@ -97,14 +96,13 @@ class Optimal(Method):
     Five steps, with W2 after the last one counted too:
 
     >>> x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
-    >>> short = schedule(modes, x0, Optimal(gap=1e-6, terminal=np.eye(2)), steps=5)
+    >>> short = schedule(modes, x0, Optimal(gap=1e-6), steps=5, terminal=np.eye(2))
     >>> short.sequence.tolist(), round(short.cost, 4)
     ([1, 1, 1, 1, 1], 7.8449)
     """
 
     gap: float = 1e-3
     time_limit: float = 60.0
-    terminal: Any = None
     memory_limit: float = 2e9
     callback: Callable[[Rung], None] | None = field(default=None, repr=False)
 
@@ -119,21 +117,12 @@ class Optimal(Method):
                 bounds = "between 0 and 1" if name == "gap" else "above 0"
                 raise ValueError(f"{name} is {value!r}; expected a number {bounds}, {reason}")
             object.__setattr__(self, name, value)
-        if self.terminal is not None:
-            M = real_array(self.terminal, "terminal")
-            if M.ndim != 2 or M.shape[0] != M.shape[1]:
-                raise ValueError(
-                    f"terminal has shape {M.shape}; expected a square matrix, one row a state, as np.eye(n)"
-                )
-            object.__setattr__(self, "terminal", frozen(positive_semidefinite(M, "terminal")))
         if self.callback is not None and not callable(self.callback):
             raise TypeError(f"callback must be callable, not {self.callback!r}")
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
-        n = graph.modes.A.shape[-1]
-        if self.terminal is not None and len(self.terminal) != n:
-            raise ValueError(f"terminal has shape {self.terminal.shape}; the modes have {n} states, so expected {n, n}")
+        require_plain_total(graph.modes, "Optimal")
         return _OptimalScheduler(graph, self)
 
     def policy(self, modes: ModeSet, rules: Rules | SwitchingGraph | None = None, quadratics: int = 100) -> Policy:
@@ -159,13 +148,12 @@ class Optimal(Method):
         Raises
         ------
         ValueError
-            If there is a terminal weight, a stage weight is singular, the graph has more than 200 nodes with a choice,
-            or no way on of finite cost is known at one of them.
+            If there is noise or a discount, a stage weight is singular, the graph has more than 200 nodes with a
+            choice, or no way on of finite cost is known at one of them.
         """
-        if self.terminal is not None:
-            raise ValueError("a policy is for runs that go on for ever; leave out terminal")
         quadratics = whole_number(quadratics, "quadratics")
         graph = graph_under(modes, rules)
+        require_plain_total(modes, "a policy")
         decisions = Decisions(graph)
         if not decisions.reachable(_CHOICES):
             raise ValueError(f"{graph.rules!r} needs more than {_CHOICES} nodes with a choice, too many for a policy")
@@ -199,14 +187,8 @@ class _OptimalScheduler(PlanningScheduler):
     def __init__(self, graph: SwitchingGraph, settings: Optimal) -> None:
         super().__init__(graph)
         self.settings = settings
-        self.terminal = settings.terminal
 
     def search(self, S: Array) -> Plan:
-        if self.terminal is not None and self.steps is None:
-            raise ValueError(
-                "Optimal(terminal=..) is for a run of known length, schedule(modes, x0, method, steps=N); online and "
-                "as the base of another method it has none"
-            )
         if not (np.any(S) or self.graph.price.any() or self.graph.switch_cost.any()):
             self.lower_bound, self.status = 0.0, "optimal"
             return self._any(S)

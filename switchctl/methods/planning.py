@@ -11,10 +11,13 @@ from switchctl.continuation import Plan, shortest
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import Scheduler
 from switchctl.moments import Array, moment_maps, svec
+from switchctl.values import Value
 
 
 class StepCosts:
-    """What steps and switches cost, per dk, on ``svec(S)``.
+    """What steps and switches cost, per dk, on vectors ``weight * (svec(S), 1)``.
+
+    The weight is what a cost at that step counts, so that noise, constants and a discount are entries like the others.
 
     Parameters
     ----------
@@ -23,46 +26,58 @@ class StepCosts:
 
     Attributes
     ----------
-    maps : array, shape (m, d, d)
-        A step of each mode, on ``svec(S)`` after the switch to it.
-    stages, distance : arrays, shapes (m, d) and (d,)
-        The stage weights and W2 as rows for ``svec(S)``.
+    maps : array, shape (m, d + 1, d + 1)
+        A step of each mode, after the switch to it.
+    stages, distance : arrays, shapes (m, d + 1) and (d + 1,)
+        What a sample costs, and W2, as rows.
     fixed, by_w2 : arrays, shape (m + 1, m)
         What a switch costs, per dk.
     """
 
     def __init__(self, graph: SwitchingGraph) -> None:
         modes = graph.modes
-        self.maps, self.stages = moment_maps(modes.A), svec(modes.Q)
-        self.distance = svec(modes.distance)
-        self._activation = None if modes.activation is None else moment_maps(modes.activation)
+        self.maps = modes.discount * _affine(moment_maps(modes.A), svec(modes.W))
+        self.stages = np.column_stack([svec(modes.Q), graph.price + modes.offset])
+        self.distance = np.append(svec(modes.distance), 0.0)
         self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
+        self._activation = None
+        if modes.activation is not None:
+            E = moment_maps(modes.activation)
+            self._activation = _affine(E, np.zeros(E.shape[:-1]))
+
+    def moment(self, S: Array) -> Array:
+        """The vector of a second moment at the first step."""
+        return np.append(svec(S), 1.0)
+
+    def row(self, value: Value) -> Array:
+        """A value as a row."""
+        return np.append(svec(value.P), value.constant)
 
     def switch(self, before: Any, mode: Any, s: Array) -> Any:
-        """Cost per dk of a switch.
+        """Cost of a switch.
 
         Parameters
         ----------
         before, mode : int, or arrays and slices of them
             The modes.
-        s : array, shape (d,) or (k, d)
-            The moment at the switch, or several.
+        s : array, shape (d + 1,) or (k, d + 1)
+            The vector at the switch, or several.
 
         Returns
         -------
         float or array
         """
-        return self.fixed[before, mode] + self.by_w2[before, mode] * (s @ self.distance)
+        return self.fixed[before, mode] * s[..., -1] + self.by_w2[before, mode] * (s @ self.distance)
 
     def arrive(self, before: int | NDArray[np.intp], mode: int, s: Array) -> Array:
-        """The moment after a switch, or the moments: ``before`` and ``s`` may have a row each."""
+        """The vector after a switch, or the vectors: ``before`` and ``s`` may have a row each."""
         maps = self._activation
         if maps is None:
             return s
         return _row_by_row(before, s, lambda j, rows: rows if j < 0 else rows @ maps[j, mode].T)
 
     def arrivals(self, before: int, s: Array) -> Array:
-        """The moment after a switch to each mode, shape (m, d)."""
+        """The vector after a switch to each mode, shape (m, d + 1)."""
         if self._activation is None or before < 0:
             return np.broadcast_to(s, (len(self.maps), len(s)))
         return self._activation[before] @ s
@@ -72,7 +87,16 @@ class StepCosts:
         maps = self._activation
         if maps is not None:
             P = _row_by_row(after, P, lambda i, rows: rows @ maps[mode, i])
-        return P + self.by_w2[mode, after][..., None] * self.distance
+        P = P + self.by_w2[mode, after][..., None] * self.distance
+        P[..., -1] += self.fixed[mode, after]
+        return P
+
+
+def _affine(K: Array, w: Array) -> Array:
+    """The matrices [[K, w], [0, 1]]."""
+    maps = np.zeros((*K.shape[:-2], K.shape[-1] + 1, K.shape[-1] + 1))
+    maps[..., :-1, :-1], maps[..., :-1, -1], maps[..., -1, -1] = K, w, 1.0
+    return maps
 
 
 def _row_by_row(modes: int | NDArray[np.intp], rows: Array, function: Callable[[int, Array], Array]) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.methods.base import Scheduler
-from switchctl.moments import Array
+from switchctl.moments import Array, stepped
 
 CONVERGED = 1e-12
 """Without a number of steps, a prediction ends when W2 has fallen to this fraction of its start .."""
@@ -50,7 +50,8 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     """
     sequence: list[int] = []
     lengthened: list[tuple[int, int]] = []
-    A_after, plant, before = scheduler.modes.A_after, scheduler.modes.plant_states, scheduler.graph.last_mode[0]
+    modes, before = scheduler.modes, scheduler.graph.last_mode[0]
+    plant, noise, weight = modes.plant_states, modes.noise_roots, 1.0
     first, start = F, np.sum(F[:plant] ** 2)
     status = "number of steps reached" if steps is not None else "ceiling of steps reached"
     try:
@@ -61,15 +62,16 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
             with np.errstate(over="ignore"):
-                F = A_after[before, mode] @ F
+                F = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode])
                 w2, before = np.sum(F[:plant] ** 2), mode
             if not np.isfinite(w2):
                 raise ValueError(
                     f"W2 exceeds the floating-point range after step {k}; ask for at most {k} steps, or use a method "
                     "that keeps the state bounded"
                 )
-            if steps is None and w2 <= CONVERGED * start:
-                status = "converged"
+            weight *= modes.discount
+            if steps is None and (w2 <= CONVERGED * start or weight <= CONVERGED):
+                status = "converged" if w2 <= CONVERGED * start else "discounted to nothing"
                 break
             if steps is None and w2 * CONVERGED >= start:
                 status = "diverged"
@@ -81,7 +83,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
         scheduler.recover(sequence)  # it may have been a step ahead
         F, before = first, scheduler.graph.last_mode[0]
         for mode in sequence:
-            F, before = A_after[before, mode] @ F, mode
+            F, before = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode]), mode
     return Prediction(sequence, lengthened, F, status)
 
 

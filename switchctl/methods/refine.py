@@ -4,7 +4,7 @@ import math
 import time
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, moment_factor, svec
-from switchctl.tail_costs import word_value
+from switchctl.moments import Array, moment_factor
+from switchctl.values import Value, word_value
 
 _WORTH = 1e-7  # a move must gain this fraction of the cost ..
 _ROUNDS = 1000  # of sweeps and moves at most
@@ -70,7 +70,7 @@ class Refine(Method):
 
 
 class _Run(NamedTuple):
-    """A schedule: its modes up to the word, the moments and the costs so far at each step, and what it costs in all."""
+    """A schedule: its modes up to the word, the vectors and the costs so far at each step, and what it costs in all."""
 
     path: NDArray[np.intp]
     moments: Array
@@ -79,15 +79,14 @@ class _Run(NamedTuple):
 
 
 class _Suffixes(NamedTuple):
-    """What the schedule costs from each step t = 0 .. N on, per dk: ``P[t] . svec(S) + constants[t]``.
+    """What the schedule costs from each step t = 0 .. N on, as rows for the vector at t.
 
-    The switch at t is left out, since it depends on what comes before: S is the moment after it. ``follows[t, v]`` says
-    whether the rules allow the rest from t on at node v.
+    The switch at t is left out, since it depends on what comes before: the vector is that after it. ``follows[t, v]``
+    says whether the rules allow the rest from t on at node v.
     """
 
     modes: NDArray[np.intp]
     P: Array
-    constants: Array
     follows: NDArray[np.bool_]
 
 
@@ -99,9 +98,10 @@ class _RefineScheduler(PlanningScheduler):
     def search(self, S: Array) -> Plan:
         self.base.reset()
         F = moment_factor(np.zeros(len(S)), S)
-        sequence, _, F, status = predict(self.base, F, None)
-        lead, word = self.base.tail(F @ F.T)
-        local = LocalSearch(self.graph, S, (*sequence, *lead), word)
+        self.base.steps, self.base.terminal = self.steps, self.terminal
+        sequence, _, F, status = predict(self.base, F, None if self.terminal is None else self.steps)
+        lead, word = self.base.tail(F @ F.T) if self.terminal is None else ((), ())
+        local = LocalSearch(self.graph, S, (*sequence, *lead), word, self.terminal)
         if self.base.interrupted or status == INTERRUPTED:
             self.interrupted = True
             return (*sequence, *lead), word
@@ -152,13 +152,13 @@ class LocalSearch(StepCosts):
         least = {int(low) for low in graph.least_dwells if low <= _POSITIONS}
         self.lengths = sorted({*_BLOCKS, *least})
         self.ends = terminal is not None
-        P = word_value(graph, word) if terminal is None else terminal
-        if P is None:
+        value = word_value(graph, word) if terminal is None else Value(terminal, 0.0)
+        if value is None:
             raise InfiniteCostError(
                 "the schedule to refine costs infinitely much, so nothing can be compared with it; base it on a method "
                 "that ends at finite cost: in a mode held for ever or, under rules that make it switch, in a cycle"
             )
-        self.word_P = svec(P)
+        self.word_P = self.row(value)
         self.run = self._run(np.array(path, dtype=np.intp))
         self.start, self.sweeps, self.moves = self.run.total, 0, 0
 
@@ -199,11 +199,10 @@ class LocalSearch(StepCosts):
     def _run(self, path: NDArray[np.intp]) -> _Run:
         """The forward evaluation."""
         moments, costs = np.empty((len(path) + 1, len(self.distance))), np.zeros(len(path) + 1)
-        moments[0], before = svec(self.S), self.graph.last_mode[0]
+        moments[0], before = self.moment(self.S), self.graph.last_mode[0]
         for k, mode in enumerate(path.tolist()):
             s = self.arrive(before, mode, moments[k])
-            paid = self.graph.price[mode] + self.switch(before, mode, moments[k])
-            costs[k + 1] = costs[k] + self.stages[mode] @ s + paid
+            costs[k + 1] = costs[k] + self.stages[mode] @ s + self.switch(before, mode, moments[k])
             moments[k + 1], before = self.maps[mode] @ s, mode
         s, end = moments[-1], 0.0
         if not self.ends:
@@ -214,35 +213,25 @@ class LocalSearch(StepCosts):
         """The backward pass."""
         graph, N = self.graph, len(path)
         modes = np.append(path, path[-1] if self.ends else self.word[0])
-        P, constants = np.empty((N + 1, len(self.distance))), np.zeros(N + 1)
+        P = np.empty((N + 1, len(self.distance)))
         follows = np.empty((N + 1, len(graph)), dtype=bool)
         P[N], follows[N] = self.word_P, True if self.ends else lasting(graph, self.word)
         for t in range(N - 1, -1, -1):
             mode, after = modes[t], modes[t + 1]
             P[t] = self.stages[mode] + self.enter(mode, after, P[t + 1]) @ self.maps[mode]
-            constants[t] = graph.price[mode] + self.fixed[mode, after] + constants[t + 1]
             heads = graph.successor[:, mode]
             follows[t] = (heads >= 0) & follows[t + 1, heads]
-        return _Suffixes(modes, P, constants, follows)
-
-    def _before(self, rest: _Suffixes, mode: int, t: Any) -> tuple[Array, Array]:
-        """The suffixes from t on, entered from a mode: rows and constants."""
-        after = rest.modes[t]
-        return self.enter(mode, after, rest.P[t]), rest.constants[t] + self.fixed[mode, after]
+        return _Suffixes(modes, P, follows)
 
     def _sweep(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:
         """The forward pass: each mode chosen anew against the cost of what follows; the present one wins a tie."""
         graph, chosen = self.graph, run.path.copy()
-        rows, constants = [], []
-        for i in range(len(self.maps)):
-            P, c = self._before(rest, i, slice(1, None))
-            rows.append(self.stages[i] + P @ self.maps[i])
-            constants.append(c + graph.price[i])
-        table, constant = np.stack(rows, axis=1), np.stack(constants, axis=1)
+        after = rest.modes[1:], rest.P[1:]
+        table = np.stack([self.stages[i] + self.enter(i, *after) @ K for i, K in enumerate(self.maps)], axis=1)
         node, before, s = 0, graph.last_mode[0], run.moments[0]
         for k, present in enumerate(run.path.tolist()):
             arrived = self.arrivals(before, s)
-            costs = np.einsum("ij,ij->i", table[k], arrived) + constant[k] + self.switch(before, slice(None), s)
+            costs = np.einsum("ij,ij->i", table[k], arrived) + self.switch(before, slice(None), s)
             heads = graph.successor[node]
             costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
             best = int(costs.argmin())
@@ -263,17 +252,16 @@ class LocalSearch(StepCosts):
         follows = np.vstack([rest.follows[t].T, np.zeros((1, len(t)), dtype=bool)])  # the last row, -1, is nowhere
         best, found = total, path
         for i in range(len(self.maps)):
-            P, constants = self._before(rest, i, t)
+            P = self.enter(i, rest.modes[t], rest.P[t])
             prefixes = costs[k] + self.switch(before[k], i, moments[k])
-            begun = np.column_stack([self.arrive(before[k], i, moments[k]), prefixes, np.ones(len(k))])
-            heads = nodes[k]
+            begun, heads = self.arrive(before[k], i, moments[k]), nodes[k]
             for shorter, length in pairwise([0, *self.lengths]):
                 for _ in range(length - shorter):
-                    P, constants = self.stages[i] + P @ self.maps[i], constants + graph.price[i]
+                    P = self.stages[i] + P @ self.maps[i]
                     heads = np.where(heads >= 0, graph.successor[heads, i], -1)
                 if (heads < 0).all():
                     break
-                candidates = begun @ np.column_stack([P, np.ones(len(t)), constants]).T
+                candidates = begun @ P.T + prefixes[:, None]
                 if not graph.free:
                     candidates[~follows[heads]] = np.inf
                 place = int(candidates.argmin())

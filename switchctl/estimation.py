@@ -1,0 +1,66 @@
+"""A Kalman filter in the loop: its gain, and how uncertain its estimate stays."""
+
+from typing import Any
+
+import control
+import numpy as np
+
+from switchctl.gramians import is_schur, tail
+from switchctl.moments import Array
+from switchctl.validation import positive_semidefinite, real_array
+
+
+def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | None) -> Array:
+    """The L of ``xe+ = A xe + B u + L (y - C xe - D u)``: the steady Kalman gain, or the one given.
+
+    Parameters
+    ----------
+    plant : control.StateSpace
+        The sampled plant.
+    estimator : "kalman" or array_like, shape (n, p)
+        Which.
+    W : array, shape (m, n, n)
+        Covariance of the process noise in each mode.
+    V : array, shape (p, p), or None
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    array, shape (n, p)
+
+    Raises
+    ------
+    ValueError
+        If noise is missing or singular where the gain is to be computed, or the estimate doesn't converge.
+    """
+    if isinstance(estimator, str):
+        if estimator != "kalman":
+            raise ValueError(f"estimator is {estimator!r}; expected 'kalman' or a gain of shape (states, outputs)")
+        if (W != W[0]).any():
+            raise ValueError("estimator='kalman' needs one W for all modes; give the gain where they differ")
+        if V is None or np.linalg.eigvalsh(V)[0] <= 1e-12 * np.linalg.eigvalsh(V)[-1]:
+            raise ValueError("estimator='kalman' needs V, the covariance of the measurement noise, positive definite")
+        try:
+            L = np.asarray(control.dlqe(plant.A, np.eye(plant.nstates), plant.C, W[0], V)[0], dtype=float)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise ValueError(f"no Kalman gain was found: {error}") from None
+    else:
+        L = real_array(estimator, "estimator", (plant.nstates, plant.noutputs))
+    if not is_schur(plant.A - L @ plant.C):
+        radius = np.abs(np.linalg.eigvals(plant.A - L @ plant.C)).max()
+        raise ValueError(
+            f"the estimate doesn't converge: A - L C has spectral radius {radius:.6g}; the plant may have an unstable "
+            "state that its output doesn't show, or one on the unit circle that no noise moves"
+        )
+    return L
+
+
+def error_covariance(plant: control.StateSpace, L: Array, W: Array, V: Array | None) -> Array:
+    """The steady covariance of the estimate's error, before the measurement of the sample is used.
+
+    ``P = (A - L C) P (A - L C)' + W + L V L'``, with the mean of the modes' W.
+    """
+    noise = W.mean(axis=0) + (0.0 if V is None else L @ V @ L.T)
+    P = tail((plant.A - L @ plant.C).T, positive_semidefinite(noise, "the noise"))
+    assert P is not None  # filter_gain has made sure
+    return P
