@@ -16,7 +16,7 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, second_moment, svec
-from switchctl.validation import positive_semidefinite, real_array, symmetric
+from switchctl.validation import positive_semidefinite, real_array, symmetric, whole_number
 
 
 class InfiniteCostError(ValueError):
@@ -146,6 +146,51 @@ class Scheduler(ABC):
 
     def forget(self) -> None:  # noqa: B027  a scheduler without memory has nothing to forget
         """Forget what the method itself remembers; `reset` calls it."""
+
+    @property
+    def memory(self) -> Array:
+        """What the scheduler remembers from one sample to the next, as numbers; all zero before the first sample.
+
+        Assigned to a scheduler of the same method and graph, it takes that one to the same place: it decides from there
+        as this one would. The entries are the node, the last mode counted from 1, and what the method has `remembered`;
+        their number never changes.
+        """
+        return np.array([self.node, self.last + 1, *self.remembered()], dtype=float)
+
+    @memory.setter
+    def memory(self, values: Any) -> None:
+        entries = real_array(values, "memory", (len(self.memory),)).tolist()
+        node, last = whole_number(entries[0], "memory[0]", 0), whole_number(entries[1], "memory[1]", 0)
+        if node >= len(self.graph) or last > len(self.modes):
+            raise ValueError(
+                f"memory begins with {node}, {last}; expected a node below {len(self.graph)} and a mode, counted from "
+                f"1, up to {len(self.modes)}"
+            )
+        self.node, self.last, self.interrupted = node, last - 1, False
+        self.recall(entries[2:])
+
+    def remembered(self) -> Sequence[float]:
+        """What the method itself remembers, for `memory`: as many numbers at each sample, all zero before the first.
+
+        Returns
+        -------
+        sequence of float
+        """
+        if type(self).forget is not Scheduler.forget:
+            raise TypeError(
+                f"{type(self).__name__} has something to forget, and doesn't say as numbers what it remembers; give it "
+                "remembered() and recall(values)"
+            )
+        return ()
+
+    def recall(self, values: Sequence[float]) -> None:  # noqa: B027  a scheduler without memory has none to recall
+        """Take up what the method itself `remembered`, after `node` and `last`.
+
+        Parameters
+        ----------
+        values : sequence of float
+            The numbers.
+        """
 
     @property
     def allowed(self) -> NDArray[np.bool_]:

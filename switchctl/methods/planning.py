@@ -13,6 +13,8 @@ from switchctl.methods.base import Scheduler
 from switchctl.moments import Array, moment_maps, svec
 from switchctl.values import Value
 
+_PLANS = 8  # that a scheduler keeps
+
 
 class StepCosts:
     """What steps and switches cost, per dk, on vectors ``weight * (svec(S), 1)``.
@@ -130,6 +132,34 @@ class PlanningScheduler(Scheduler):
     def forget(self) -> None:  # noqa: D102
         self.plan: Plan | None = None
         self.k = 0
+        self.first = np.zeros_like(self.modes.A[0])  # the moment that the plan is for
+        self.plans: dict[bytes, Plan] = {}  # those made lately, by that
+
+    def remembered(self) -> Sequence[float]:  # noqa: D102
+        return self.k, *self.first[np.tril_indices(len(self.first))].tolist()
+
+    def recall(self, values: Sequence[float]) -> None:  # noqa: D102
+        self.k = int(values[0])
+        lower = np.zeros_like(self.first)
+        lower[np.tril_indices(len(lower))] = values[1:]
+        self.first = lower + np.tril(lower, -1).T
+        self.plan = self._planned() if self.k else None
+        if self.interrupted:
+            raise KeyboardInterrupt  # a part of a search is not the plan that was followed
+
+    def _planned(self) -> Plan:
+        """The plan for `first`, made once: whoever takes the scheduler back and forth must not wait for it again."""
+        key = self.first.tobytes()
+        if key in self.plans:
+            return self.plans[key]
+        node, self.node = self.node, 0
+        try:
+            plan = self.search(self.first)
+        finally:
+            self.node = node
+        if not self.interrupted:
+            self.plans = dict([*self.plans.items(), (key, plan)][-_PLANS:])
+        return plan
 
     def recover(self, sequence: Sequence[int]) -> None:  # noqa: D102
         super().recover(sequence)
@@ -137,7 +167,8 @@ class PlanningScheduler(Scheduler):
 
     def decide(self, S: Array) -> int:  # noqa: D102
         if self.plan is None:
-            self.plan = self.search(S)
+            self.first = (S + S.T) / 2 + 0.0  # without signed zeros, so that numbers tell it to the bit
+            self.plan = self._planned()
         lead, word = self.plan
         k, self.k = self.k, self.k + 1
         return lead[k] if k < len(lead) else word[(k - len(lead)) % len(word)]

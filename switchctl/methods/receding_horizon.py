@@ -146,6 +146,20 @@ class _RecedingHorizonScheduler(Scheduler):
         self.plan: list[int] = []  # the modes until then
         self.last_w2, self.growth = 0.0, 0.0  # W2(t_{j-1}), and how much of it the mode held since may have made
 
+    def remembered(self) -> Sequence[float]:
+        if self.method.decrease is None:
+            coming = [mode + 1 for mode in self.plan]
+            return (self.j, *coming, *[0] * (self.method.hold - 1 - len(coming)))
+        return self.j, len(self.plan), self.last_w2, self.growth if self.counts_all else 0.0
+
+    def recall(self, values: Sequence[float]) -> None:
+        self.j = int(values[0])
+        if self.method.decrease is None:
+            self.plan = [int(mode) - 1 for mode in values[1:] if mode]
+        else:
+            self.plan = [self.last] * int(values[1])
+            self.last_w2, self.growth = values[2], values[3] if self.counts_all else math.inf
+
     def decide(self, S: Array) -> int:
         self.lengthened = 0
         if not self.plan or (self.method.decrease is None and not self.costs.moves[self.node, self.plan[0]]):
