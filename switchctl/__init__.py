@@ -7,6 +7,7 @@ for an uncertain initial state (`schedule`).
 from importlib import import_module
 from types import ModuleType
 
+from switchctl.blocks import scheduler_system, switched_controller
 from switchctl.closed_loop import close_loops
 from switchctl.comparison import Comparison, compare
 from switchctl.files import FormatError
@@ -76,8 +77,10 @@ __all__ = [
     "close_loops",
     "compare",
     "schedule",
+    "scheduler_system",
     "single_mode_costs",
     "sweep",
+    "switched_controller",
     "trade_off",
     "wasserstein",
 ]

@@ -32,7 +32,7 @@ ORDER = [
     "closed_loop methods",
     "result result_text",
     "certificates",
-    "scheduling",
+    "scheduling blocks",
     "comparison sweeping trade_offs",
     "plotting",
     "load_model",
