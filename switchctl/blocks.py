@@ -51,8 +51,8 @@ def scheduler_system(
     TypeError
         If the method is not a method.
     ValueError
-        If the method can't work with these modes and rules, or is for runs that end; from the block, if an input is
-        not finite, the covariance is no covariance, or the state is none that the block has made.
+        If the method can't work with these modes and rules; from the block, if an input is not finite, the covariance
+        is no covariance, or the state is none that the block has made.
 
     Examples
     --------
@@ -99,18 +99,20 @@ def switched_controller(
     -------
     control.NonlinearIOSystem
         Inputs: the plant's state, which the method needs, each entry under the name of the plant's output that puts it
-        out as it is, or under its own name; then the plant's other outputs, where a controller measures them. Outputs:
-        the plant's inputs, and "index". State: those of the controllers, and the scheduler's memory. All zero means
-        the start; what the controllers' states hold there is added to what ``close_loops(.., initial=..)`` gives them.
+        out as it is, or under its own name; then the plant's other outputs, where a controller measures them. With an
+        estimator in the modes: the plant's outputs. Outputs: the plant's inputs, and "index". State: those of the
+        controllers, with the estimate, and the scheduler's memory. All zero means the start; what the controllers'
+        states hold there is added to what ``close_loops(.., initial=..)`` gives them, or, where the state isn't
+        measured, is where they start.
 
     Raises
     ------
     TypeError
         If the method is not a method, or the modes are none that `close_loops` made.
     ValueError
-        If the loops were closed in continuous time, the method can't work with these modes and rules, or is for
-        runs that end, or signals of the plant share a name; from the block, if an input is not finite or the state is
-        none that the block has made.
+        If the loops were closed in continuous time, the method can't work with these modes and rules, an estimator
+        would need an output with feedthrough, or signals of the plant share a name; from the block, if an input is not
+        finite or the state is none that the block has made.
 
     Notes
     -----
@@ -135,7 +137,15 @@ def switched_controller(
             "make the modes by close_loops(.., discretize='plant')"
         )
     scheduler = _started(method, modes, rules)
-    inputs, C = _measured(modes.plant, modes.controllers.by_output)
+    if modes.estimate_states:
+        if modes.plant.D.any():
+            raise ValueError(
+                "the estimator is fed by an output with feedthrough, which python-control can't connect without a "
+                "delay; run the loop by simulate"
+            )
+        inputs, C = modes.plant.output_labels, np.eye(modes.plant.noutputs)
+    else:
+        inputs, C = _measured(modes.plant, modes.controllers.by_output)
     running = _Controlling(scheduler, modes, C)
     return _system(running, inputs, modes.plant.input_labels, modes.controllers.states, scheduler, name)
 
@@ -168,16 +178,18 @@ class _Controlling(_Deciding):
     def __init__(self, scheduler: Scheduler, modes: ClosedLoops, C: Array) -> None:
         super().__init__(scheduler, modes.plant_states)
         assert modes.plant is not None and modes.controllers is not None
-        self.controllers, self.C, self.D = modes.controllers, C, modes.plant.D
+        self.modes, self.controllers, self.C, self.D = modes, modes.controllers, C, modes.plant.D
         self.loops = np.eye(len(self.D.T)) + self.controllers.Hy @ self.D
 
     def sample(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         scheduler, controllers = self.scheduler, self.controllers
         zeta, scheduler.memory = np.split(state, [len(controllers.states)])
-        x, y, before = inputs[: self.n], self.C @ inputs, scheduler.last
+        y, before, estimated = self.C @ inputs, scheduler.last, self.modes.estimate_states
+        x = np.zeros(self.n) if estimated else inputs[: self.n]
         if before < 0:
             zeta, before = zeta + controllers.initial @ x, int(scheduler.graph.last_mode[0])
-        mode = scheduler.step(np.concatenate([x, zeta]))
+        known = zeta[len(zeta) - self.n :] if estimated else x
+        mode = scheduler.step(np.concatenate([known, zeta]), self.modes.error_covariance)
         zeta = controllers.activated(before, mode, zeta, x)
         u = np.linalg.solve(self.loops[mode], controllers.output(mode, zeta, x, y))
         zeta = controllers.updated(mode, zeta, x, y + self.D @ u, u)
@@ -188,10 +200,7 @@ def _started(method: Method, modes: ModeSet, rules: Rules | SwitchingGraph | Non
     """The scheduler of a block."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
-    scheduler = method.start(graph_under(modes, rules))
-    if scheduler.terminal is not None:
-        raise ValueError(f"{method!r} is for runs of known length, and a block runs on; leave out the terminal weight")
-    return scheduler
+    return method.start(graph_under(modes, rules))
 
 
 def _measured(plant: control.StateSpace, by_output: bool) -> tuple[list[str], Array]:

@@ -141,3 +141,9 @@ def require_plain_total(modes: ModeSet, what: str) -> None:
             f"{'noise' if modes.noisy or modes.offset.any() else f'cost={modes.cost!r}'}; "
             "use Rollout, Refine, FewSwitches or RecedingHorizon"
         )
+
+
+def refuse_average(modes: ModeSet, what: str) -> None:
+    """Refuse averages where it is the beginning of a run that is planned, which no average shows."""
+    if modes.cost == "average":
+        raise ValueError(f"{what} plans the beginning of a run, which cost='average' doesn't see; use Rollout")

@@ -338,7 +338,6 @@ GAINS = {"stiff": [[40.0, 10.0]], "soft": [[1.0, 1.0]]}
             ValueError,
             r"closed in continuous time.*discretize='plant'",
         ),
-        (lambda: scheduler_system(Optimal(terminal=np.eye(2)), five_mode.modes()), ValueError, "known length"),
         (
             lambda: switched_controller(Rollout(), close_loops(axis(inputs=["index"]), GAINS)),
             ValueError,

@@ -10,7 +10,7 @@ from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, initial_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
-from switchctl.values import cost_of
+from switchctl.values import cost_of, require_criterion
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,6 +83,7 @@ def single_mode_costs(modes: ModeSet | SwitchingGraph, x0: Gaussian) -> Array:
     """
     x0 = initial_state(modes.modes if isinstance(modes, SwitchingGraph) else modes, x0)
     graph = as_graph(modes)
+    require_criterion(graph.modes)
     S, costs = x0.second_moment, np.full(len(graph.modes), np.inf)
     ways = Continuations(graph)
     for mode, number in ways.held.items():

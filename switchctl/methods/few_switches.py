@@ -19,7 +19,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.optimum.minorants import lower_bounds
 from switchctl.validation import whole_number
-from switchctl.values import Value, word_value
+from switchctl.values import Value, refuse_average, word_value
 
 _CHUNK = 256
 _NEGLIGIBLE = 1e-13
@@ -67,7 +67,9 @@ class FewSwitches(Method):
         object.__setattr__(self, "max_switches", whole_number(self.max_switches, "max_switches", 0))
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
-        return _FewSwitchesScheduler(as_graph(graph), self.max_switches)
+        graph = as_graph(graph)
+        refuse_average(graph.modes, "FewSwitches")
+        return _FewSwitchesScheduler(graph, self.max_switches)
 
 
 class _Block(NamedTuple):

@@ -111,6 +111,8 @@ class RecedingHorizon(Method):
 
     def _check_constraint(self, graph: SwitchingGraph) -> None:
         modes, needs = graph.modes, f"decrease={self.decrease} needs"
+        if modes.noisy:
+            raise ValueError(f"{needs} modes without noise, which keeps W2 from falling for ever; leave out decrease")
         if not modes.schur.all():
             name = modes.names[int(np.argmin(modes.schur))]
             raise ValueError(

@@ -18,7 +18,7 @@ from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor
-from switchctl.values import Value, word_value
+from switchctl.values import Value, refuse_average, word_value
 
 _WORTH = 1e-7  # a move must gain this fraction of the cost ..
 _ROUNDS = 1000  # of sweeps and moves at most
@@ -66,6 +66,7 @@ class Refine(Method):
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
+        refuse_average(graph.modes, "Refine")
         return _RefineScheduler(graph, self.base.start(graph))
 
 
