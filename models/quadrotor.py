@@ -7,7 +7,7 @@ searched for until they showed the paper's picture (the aggressive controller ra
 not, the best single switch comes near k = 50), so the example is reproduced in kind, not to the digit.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import control
 import numpy as np
@@ -124,23 +124,25 @@ def high_gain() -> Array:
     return K
 
 
-def lead_lag(crossover: float) -> control.TransferFunction:
-    """C_low on one axis, per unit inertia: a lead centred at the crossover and a lag a decade below it.
+def lead_lag(crossover: float, spread: float = 14) -> control.StateSpace:
+    """C_low on one axis, per unit inertia: a lead centred at the crossover, then a lag a decade below it.
 
     Parameters
     ----------
     crossover : float
         Gain crossover frequency of the loop with 1/s2, in rad/s.
+    spread : float, optional
+        p / z of the lead.
 
     Returns
     -------
-    control.TransferFunction
-        ``K (s + z)/(s + p) (s + zl)/(s + pl)`` with p/z = 14 and zl/pl = 2.
+    control.StateSpace
+        ``K (s + z)/(s + p) (s + zl)/(s + pl)`` with zl/pl = 2; its states are the lead's and the lag's.
     """
-    lead = control.tf([1, crossover / np.sqrt(14)], [1, crossover * np.sqrt(14)])
-    lag = control.tf([1, crossover / 10], [1, crossover / 20])
-    shape = lead * lag
-    return shape * (crossover**2 / abs(shape(1j * crossover)))
+    z, p, zl, pl = crossover / np.sqrt(spread), crossover * np.sqrt(spread), crossover / 10, crossover / 20
+    A, B, C = [[-p, 0], [z - p, -pl]], [[1], [1]], np.array([[z - p, zl - pl]])
+    gain = crossover**2 / abs(control.ss(A, B, C, 1)(1j * crossover))
+    return control.ss(A, B, gain * C, gain, states=["lead", "lag"])
 
 
 def low_gain() -> Array:
@@ -156,6 +158,67 @@ def low_gain() -> Array:
 def controllers() -> dict[str, Array]:
     """C_high and C_low as gains ``u = -K x``."""
     return {"high": high_gain(), "low": low_gain()}
+
+
+def compensator() -> control.StateSpace:
+    """C_low as it is in the paper, with states of its own: a lead-lag on each angle (design B).
+
+    Crossovers 6 and 1 rad/s, p/z = 10, phase margin 52 degrees; inputs the three angles, outputs the moments.
+    """
+    inertia = [PARAMETERS["Ixx"], PARAMETERS["Iyy"], PARAMETERS["Izz"]]
+    axes = [lead_lag(crossover, 10) for crossover in (6.0, 6.0, 1.0)]
+    whole = control.append(*axes)
+    gains = np.diag(inertia)
+    states = [f"{part} {angle}" for angle in STATES[:3] for part in ("lead", "lag")]
+    return control.ss(whole.A, whole.B, gains @ whole.C, gains @ whole.D, states=states, inputs=STATES[:3])
+
+
+def settled_lead() -> Array:
+    """The state of `compensator` at the start by the vehicle's: leads settled on the angles, lags at zero."""
+    start = np.zeros((6, 6))
+    for axis, crossover in enumerate((6.0, 6.0, 1.0)):
+        start[2 * axis, axis] = 1 / (crossover * np.sqrt(10))
+    return start
+
+
+def dynamic_modes(
+    discretize: Literal["plant", "closed_loop"] = "plant",
+    inactive: Any = "track",
+    initial: Any = None,
+) -> ModeSet:
+    """Close the loops of design B: C_high, and C_low with states of its own, fed by the angles.
+
+    Parameters
+    ----------
+    discretize, inactive
+        As for `switchctl.close_loops`.
+    initial : optional
+        As for `switchctl.close_loops`; by default `settled_lead`.
+
+    Returns
+    -------
+    ModeSet
+        Of twelve states, the vehicle's and the compensator's; W2 and the cost count the vehicle's.
+    """
+    vehicle = plant()
+    angles = control.ss(
+        vehicle.A,
+        vehicle.B,
+        np.eye(6)[:3],
+        0,
+        name="quadrotor",
+        states=STATES,
+        outputs=STATES[:3],
+        inputs=vehicle.input_labels,
+    )
+    return close_loops(
+        angles,
+        {"high": high_gain(), "low": compensator()},
+        dt=DT,
+        discretize=discretize,
+        inactive={"low": inactive},
+        initial={"low": settled_lead() if initial is None else initial},
+    )
 
 
 def initial_state() -> Gaussian:
