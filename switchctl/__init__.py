@@ -32,6 +32,7 @@ from switchctl.modes import Mode, ModeSet
 from switchctl.result import Schedule, Switch
 from switchctl.rules import Budget, ContradictionError, Rules
 from switchctl.scheduling import schedule
+from switchctl.simulation import MonteCarlo, Run, monte_carlo, simulate
 from switchctl.sweeping import Sweep, sweep
 from switchctl.tail_costs import CostParts
 from switchctl.trade_offs import TradeOff, trade_off
@@ -59,6 +60,7 @@ __all__ = [
     "Method",
     "Mode",
     "ModeSet",
+    "MonteCarlo",
     "Optimal",
     "PointwiseMinimum",
     "Policy",
@@ -66,6 +68,7 @@ __all__ = [
     "Refine",
     "Rollout",
     "Rules",
+    "Run",
     "Rung",
     "Schedule",
     "Scheduler",
@@ -76,8 +79,10 @@ __all__ = [
     "best_single_mode",
     "close_loops",
     "compare",
+    "monte_carlo",
     "schedule",
     "scheduler_system",
+    "simulate",
     "single_mode_costs",
     "sweep",
     "switched_controller",

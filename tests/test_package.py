@@ -34,6 +34,7 @@ ORDER = [
     "certificates",
     "scheduling blocks",
     "comparison sweeping trade_offs",
+    "simulation",
     "plotting",
     "load_model",
     "cli",

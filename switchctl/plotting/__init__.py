@@ -6,6 +6,7 @@ All take python-control's ``ax``, ``title`` and ``legend_loc`` (False for no leg
 from switchctl.plotting.graphs import plot_graph
 from switchctl.plotting.maps import plot_area, plot_ellipses, plot_sweep, plot_trade_off
 from switchctl.plotting.proofs import plot_bounds, plot_tree
+from switchctl.plotting.samples import plot_monte_carlo
 from switchctl.plotting.signals import plot_schematic, plot_switching, plot_w2
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "plot_bounds",
     "plot_ellipses",
     "plot_graph",
+    "plot_monte_carlo",
     "plot_schematic",
     "plot_sweep",
     "plot_switching",
