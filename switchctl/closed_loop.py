@@ -1,6 +1,6 @@
 """From a python-control plant and its controllers to modes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -13,7 +13,7 @@ from switchctl.feedback import blocks, closed, made_good, waiting
 from switchctl.inactive import Inactive
 from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
-from switchctl.sampling import Sampling, common_period, exact_step, plant_system, sampled, sampled_noise
+from switchctl.sampling import Sampling, common_period, exact_step, plant_system, recipe, sampled, sampled_noise
 from switchctl.validation import positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
@@ -61,24 +61,12 @@ class ClosedLoops(ModeSet):
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild, arguments = super().__reduce__()
         told = {name: getattr(self, name) for name in ("controllers", "measurement_noise", "error_covariance")}
-        return _rebuilt, (partial(rebuild, **told), arguments, _parts(self.plant))
+        made = None if self.plant is None else recipe(self.plant)
+        return partial(_rebuilt, partial(rebuild, **told), made), arguments
 
 
-def _parts(plant: control.StateSpace | None) -> tuple[Any, ...] | None:
-    """A plant as plain values: python-control's own can't be pickled."""
-    if plant is None:
-        return None
-    labels = plant.input_labels, plant.output_labels, plant.state_labels
-    return (
-        (plant.A, plant.B, plant.C, plant.D, plant.dt),
-        dict(zip(("inputs", "outputs", "states"), labels, strict=True)),
-        plant.name,
-    )
-
-
-def _rebuilt(rebuild: Any, arguments: Any, parts: Any) -> "ClosedLoops":
-    plant = None if parts is None else control.ss(*parts[0], name=parts[2], **parts[1])
-    return rebuild(*arguments, plant=plant)
+def _rebuilt(rebuild: Any, plant: Callable[[], Any] | None, *arguments: Any) -> Any:
+    return rebuild(*arguments, plant=None if plant is None else plant())
 
 
 def close_loops(

@@ -1,5 +1,7 @@
 """Linear systems as they come from python-control: realised, checked and sampled."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import control
@@ -39,6 +41,19 @@ def _by_entries(system: control.TransferFunction) -> control.StateSpace:
         states = slice(at, at := at + part.nstates)
         B[states, j], C[i, states], D[i, j] = part.B[:, 0], part.C[0], part.D[0, 0]
     return control.ss(A, B, C, D, system.dt)
+
+
+def recipe(system: control.StateSpace) -> Callable[[], control.StateSpace]:
+    """What makes a copy of a system and can be pickled, as python-control's systems themselves can't."""
+    return partial(
+        control.ss,
+        *(np.array(getattr(system, matrix)) for matrix in "ABCD"),
+        system.dt,
+        name=system.name,
+        inputs=list(system.input_labels),
+        outputs=list(system.output_labels),
+        states=list(system.state_labels),
+    )
 
 
 def plant_system(plant: Any) -> control.StateSpace:

@@ -1,6 +1,6 @@
 """Pictures of samples: the mean over many runs against the prediction."""
 
-from itertools import cycle, islice
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -8,8 +8,10 @@ from control import ControlPlot
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from switchctl.moments import Array
 from switchctl.plotting.style import (
     SCHEDULE_DASHES,
+    SHOWN,
     Legend,
     finish,
     legend_place,
@@ -24,9 +26,10 @@ from switchctl.plotting.style import (
 from switchctl.simulation import MonteCarlo
 from switchctl.validation import whole_number
 
-_SHOWN = 1e-4  # pictures end where W2 has fallen to this fraction of its start
-_BAND = {"color": "#56B4E9", "alpha": 0.6, "lw": 0}
-_MEAN = "#0072B2"
+# Greys: colours are those of modes, and schedules are black.
+_BAND: dict[str, Any] = {"color": "0.82", "lw": 0}
+_MEAN: dict[str, Any] = {"color": "0.45", "lw": 1.6}
+_FILL = 0.42  # of the distance between strips, on either side
 
 
 def plot_monte_carlo(
@@ -56,7 +59,77 @@ def plot_monte_carlo(
     Returns
     -------
     control.ControlPlot
-        Its axes are W2 and, below it, a strip for each schedule.
+        Its axes are W2 and, below it, the strips.
     """
     require(result, MonteCarlo, "plot_monte_carlo")
-    raise NotImplementedError
+    shown = _steps_shown(result.predicted, stop)
+    rows = 4 * len(result.labels)
+    ax, strips = split_axes(one_axes(ax, (6.4, 3.6 + 0.16 * rows)), rows)
+    t, (low, high) = result.time[:shown], result.band
+    whole = result.counted == result.samples
+    lines = []
+    for i, (label, dash) in enumerate(zip(result.labels, cycle(SCHEDULE_DASHES), strict=False)):
+        curves = [positive(values[i, :shown]) for values in (result.predicted, result.mean, low, high)]
+        predicted, mean, bottom, top = curves
+        ax.fill_between(t, np.where(np.isnan(bottom), 1e-300, bottom), top, **_BAND)
+        _draw_mean(ax, t, mean, whole[i, :shown])
+        lines += ax.semilogy(t, predicted, color="black", lw=1.6, linestyle=dash, label=f"$W^2$, {plain(label)}")
+    drawn = positive(np.stack([result.predicted[:, :shown], result.mean[:, :shown]]))
+    if np.isfinite(drawn).any():
+        ax.set_ylim(np.nanmin(drawn) / 2, np.nanmax(drawn) * 2)
+    ax.set_ylabel(r"$\|x\|^2$ (state units$^2$)")
+    ax.tick_params(labelbottom=False)
+    ax.grid(True, which="major", alpha=0.3)
+    _draw_strips(strips, result, shown)
+    strips.set_xlabel(time_label(result.modes))
+    measured = ax.plot([], [], label=f"mean of {result.samples:,} samples", **_MEAN)
+    handles = [*lines, *measured, Patch(label=f"its {100 * result.confidence:g} % band", **_BAND)]
+    plot = finish(ax, handles, title or "", legend_place(legend_loc, "above"))
+    plot.axes = np.array([[ax], [strips]])
+    return plot
+
+
+def _steps_shown(predicted: Array, stop: int | None) -> int:
+    """Steps to show: those asked for, or until every W2 is a small fraction of its start."""
+    longest = predicted.shape[1]
+    if stop is not None:
+        return min(whole_number(stop, "stop"), longest)
+    above = np.flatnonzero((predicted > SHOWN * predicted[:, :1]).any(axis=0))
+    return min(max(10, (above[-1] if len(above) else 0) + 2), longest)
+
+
+def _draw_mean(ax: Axes, t: Array, mean: Array, whole: Array) -> None:
+    """A mean over time: solid while it is of all runs, dotted after."""
+    ax.plot(t, np.where(whole, mean, np.nan), **_MEAN)
+    if not whole.all():
+        ax.plot(t, np.where(whole, np.nan, mean), linestyle=":", **_MEAN)
+
+
+def _draw_strips(ax: Axes, result: MonteCarlo, shown: int) -> None:
+    """One row a schedule: the mean and its band relative to the prediction, all on one scale."""
+    t, whole = result.time[:shown], result.counted == result.samples
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = [(values / result.predicted - 1)[:, :shown] for values in (result.mean, *result.band)]
+    scale = _round_up(np.nanmax(np.abs(parts), initial=0.0, where=np.isfinite(parts)))
+    for i in range(len(result.labels)):
+        mean, low, high = (i - _FILL * np.clip(part[i] / scale, -1, 1) for part in parts)
+        ax.fill_between(t, low, high, **_BAND)
+        ax.axhline(i, color="black", lw=1.0)
+        _draw_mean(ax, t, mean, whole[i, :shown])
+    places = np.arange(len(result.labels))
+    ax.set_yticks(places, [wrapped(label) for label in result.labels], fontsize="x-small")
+    ax.set_ylim(len(places) - 0.5, -0.5)
+    ax.set_xlim(0, shown * result.modes.dk)
+    edges = np.concatenate([places - _FILL, places + _FILL])
+    told = [f"+{100 * scale:g} %"] * len(places) + [f"−{100 * scale:g} %"] * len(places)
+    right = ax.secondary_yaxis("right")
+    right.set_yticks(edges, told, fontsize="x-small")
+    right.set_ylabel("mean / $W^2$ − 1", fontsize="x-small")
+    ax.grid(True, axis="x", alpha=0.3)
+
+
+def _round_up(value: Any) -> float:
+    """The next of 1, 2, 5, 10, .. from a tenth of a per cent, at most one."""
+    powers = 10.0 ** np.arange(-3, 1)
+    steps = np.unique(np.outer(powers, [1, 2, 5]).clip(max=1.0))
+    return float(steps[min(int(np.searchsorted(steps, value)), len(steps) - 1)])

@@ -23,7 +23,7 @@ COLOURS = (
 )  # fmt: skip
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (8, 2, 1, 2, 1, 2)))
 SCHEDULE_DASHES: tuple[Any, ...] = ("-", (0, (3, 1)), (0, (1, 1)), (0, (4, 1, 1, 1)))
-_SHOWN = 1e-4  # pictures end where W2 has fallen to this fraction of its start
+SHOWN = 1e-4  # pictures end where W2 has fallen to this fraction of its start
 
 Legend = Any  # python-control's legend_loc: a place, False for none, or None for the default
 
@@ -71,7 +71,7 @@ def steps_shown(schedules: list[Schedule], stop: int | None) -> int:
         return min(whole_number(stop, "stop"), longest)
     shown = 10
     for schedule in schedules:
-        above = np.flatnonzero(schedule.w2 > _SHOWN * schedule.w2[0])
+        above = np.flatnonzero(schedule.w2 > SHOWN * schedule.w2[0])
         shown = max(shown, (above[-1] if len(above) else 0) + 2)
     return min(shown, longest)
 

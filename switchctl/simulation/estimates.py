@@ -64,7 +64,7 @@ class MonteCarlo:
     @property
     def time(self) -> Array:
         """Time of each step in seconds (or its number, where the modes carry no period), shape (N,)."""
-        return np.arange(self.mean.shape[1]) * self.modes.dk
+        return np.arange(self.mean.shape[1], dtype=float) * self.modes.dk
 
     @property
     def band(self) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ class MonteCarlo:
 
     @property
     def status(self) -> str:
-        """ "completed", or that Ctrl-C came between."""
+        """Whether all samples were done, "completed", or Ctrl-C came between, "interrupted"."""
         return "completed" if self.samples == self.asked else INTERRUPTED
 
     def _facts(self) -> Sequence[tuple[str, str]]:

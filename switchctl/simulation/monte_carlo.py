@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import control
 import numpy as np
 from tqdm import tqdm
 
@@ -11,6 +12,7 @@ from switchctl.comparison import Comparison
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.moments import Array, moment_factor
 from switchctl.result import Schedule
+from switchctl.sampling import recipe
 from switchctl.simulation.estimates import MonteCarlo, Tally
 from switchctl.simulation.plants import fitting
 from switchctl.simulation.replay import lasting
@@ -112,7 +114,8 @@ def monte_carlo(
         fitting(plant, modes)
         reference = _operating_point(operating_point, modes.plant_states, plant.ninputs, steps)
         draw.shift[: modes.plant_states] = reference.at(0)[0]
-        task = partial(_simulated, plant, long, steps, seed, settings)
+        made = recipe(plant) if isinstance(plant, control.StateSpace) else partial(_as_it_is, plant)
+        task = partial(_simulated, made, long, steps, seed, settings)
         blocks = _spread(task, draw, executor)
     return _gathered(blocks, labelled, long, samples, steps, confidence, "" if plant is None else plant.name)
 
@@ -172,8 +175,12 @@ def _spread(task: Callable[..., _Block], draw: _Draws, executor: Any) -> Iterato
     return iter(executor.map(task, begins, starts))
 
 
+def _as_it_is(plant: Any) -> Any:
+    return plant
+
+
 def _simulated(
-    plant: Any,
+    made: Callable[[], Any],
     schedules: list[Schedule],
     steps: int,
     seed: int,
@@ -185,6 +192,7 @@ def _simulated(
     w2: list[list[Array]] = []
     stops: list[list[tuple[int, str]]] = [[] for _ in schedules]
     modes: Any = schedules[0].modes
+    plant = made()
     try:
         for j, x0 in enumerate(start.T, begin):
             runs = []

@@ -49,7 +49,8 @@ def simulate(
     At sample k, with ``(x_e, u_e)`` the operating point, ``y_e`` the plant's output there and v the noise, mode i is
     decided from ``z = (x - x_e, zeta)`` and, with `Controllers` in the place of the equations,
 
-    ``u = limit(u_e + output_i(zeta, x - x_e, y + v - y_e))``, ``zeta+ = updated_i(zeta, x - x_e, y + v - y_e, u - u_e)``
+    ``u = limit(u_e + output_i(zeta, x - x_e, y + v - y_e))`` and
+    ``zeta+ = updated_i(zeta, x - x_e, y + v - y_e, u - u_e)``,
 
     so that controllers which track the one that acts follow what the actuator can do of it. The controllers are not
     told of a delay: zeta+ takes the u of this sample, the plant that of the sample before (at first u_e).
@@ -194,7 +195,7 @@ class _Record:
         away = [state[:n] - reference.at(j)[0] for j, state in enumerate(self.states)]
         assert modes.controllers is not None
         return Run(
-            np.arange(k + 1) * modes.dk,
+            np.arange(k + 1, dtype=float) * modes.dk,
             np.vstack([np.array(outputs).T, index]),
             states,
             np.array(inputs).T,
