@@ -12,7 +12,7 @@ from switchctl.moments import Array
 from switchctl.sampling import same_period
 from switchctl.validation import number
 
-_PATIENCE = 100  # evaluations that fail in a row; every six shorten the step five times
+_PATIENCE = 100  # evaluations that may fail between two samples; each makes the step five times shorter
 
 
 class Stopped(Exception):
@@ -70,17 +70,21 @@ class Plant:
         """The state at the next sample."""
         if self.system.dt != 0:
             return self._shaped(_told("update function", self.rate, t, x, u))
-        failure: list[Stopped] = []  # those since the last evaluation that didn't fail
+        failures = 0
+        latest: Stopped | None = None  # unless the plant's function was evaluated since
 
         def rate(after: float, state: Array) -> Array:
+            nonlocal failures, latest
+            if not np.isfinite(state).all():  # of a step that is given up
+                return np.full(len(x), np.nan)
             try:
                 value = _told("derivative", self.rate, t + after, state, u)
             except Stopped as stopped:
-                failure.append(stopped)
-                if len(failure) > _PATIENCE:
+                failures, latest = failures + 1, stopped
+                if failures > _PATIENCE:
                     raise Stopped(str(stopped), after) from None
                 return np.full(len(x), np.nan)  # a shorter step may stay inside
-            failure.clear()
+            latest = None
             return self._shaped(value)
 
         def leaves(after: float, state: Array) -> float:
@@ -96,8 +100,8 @@ class Plant:
             first_step=self._first_step,
             events=None if self.domain is None else leaves,
         )
-        if failure:
-            raise Stopped(str(failure[-1]), found.t[-1])
+        if latest is not None:
+            raise Stopped(str(latest), found.t[-1])
         if found.status == 1:
             raise Stopped("domain(x) is not positive any more", found.t[-1])
         if found.status < 0 or not np.isfinite(found.y[:, -1]).all():

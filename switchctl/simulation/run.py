@@ -103,7 +103,7 @@ def simulate(
         If an argument is of the wrong kind, such as modes given as matrices.
     ValueError
         If shapes or periods don't fit, the loops were closed in continuous time, the schedule is of other modes, or a
-        value is out of range; or at the first sample, if nothing can be decided or an algebraic loop isn't solved.
+        value is out of range; or in the first period, if nothing can be decided or an algebraic loop isn't solved.
 
     Examples
     --------
@@ -155,10 +155,11 @@ def simulate(
     except Stopped as stopped:
         status = f"{stopped.what} at {_time(loops, len(record.states) - 1, stopped.after)}: {stopped}"
     except Exception as error:
-        if not record.modes:
+        if len(record.states) == 1:
             raise
         status = f"stopped at {_time(loops, len(record.states) - 1, 0.0)}: {type(error).__name__}: {error}"
-    return record.response(held, loops, reference, status)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return record.response(held, loops, reference, status)
 
 
 class _Record:

@@ -1,0 +1,595 @@
+"""Runs of plants: equal to the modes where these are exact, to independent integration where not."""
+
+import copy
+
+import control
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from switchctl import (
+    Constant,
+    FewSwitches,
+    Gaussian,
+    ModeSet,
+    PointwiseMinimum,
+    RecedingHorizon,
+    Refine,
+    Rollout,
+    Rules,
+    Schedule,
+    SwitchingGraph,
+    close_loops,
+    schedule,
+    simulate,
+)
+from switchctl.models import quadrotor
+
+INACTIVE = ["track", "reset", "hold", "run"]
+DT = 0.1
+
+
+def linear(D=0.0):
+    return control.ss(
+        [[0, 1], [-1, -0.2]], [[0], [1]], [[1, 0.3]], [[D]], name="mass", states=["place", "speed"], inputs=["force"]
+    )
+
+
+def dynamic(plant, inactive="track"):
+    """A gain, and two controllers with states, of which one is fed by the output."""
+    lead, lag = control.tf([4, 4], [1, 8]), control.tf([1, 0.5], [1, 0.05])
+    loops = {"gain": [[2.0, 1.0]], "lead": lead, "lag": lag}
+    return close_loops(plant, loops, DT, inactive=inactive, initial="settled")
+
+
+def exact(modes, x, sequence):
+    """The modes' own run from a state known exactly."""
+    result = Schedule(modes, Gaussian(x, np.zeros((len(x), len(x)))), [*sequence, sequence[-1]])
+    return result.mean
+
+
+def random_sequence(modes, steps=60, seed=0):
+    return np.random.default_rng(seed).integers(0, len(modes), steps).tolist()
+
+
+@pytest.mark.parametrize("inactive", INACTIVE)
+@pytest.mark.parametrize("D", [0.0, 0.4])
+def test_a_linear_plant_runs_as_its_modes_do(inactive, D):
+    plant = linear(D)
+    modes = dynamic(plant, inactive)
+    x, sequence = [1.0, -0.5], random_sequence(modes)
+    run = simulate(plant, modes, Schedule(modes, Gaussian(x, np.zeros((2, 2))), sequence), x, 60)
+    expected = exact(modes, x, sequence)
+    np.testing.assert_allclose(run.x, expected, rtol=1e-7, atol=1e-8)
+    np.testing.assert_array_equal(run.sequence, sequence)
+    np.testing.assert_allclose(run.w2, np.sum(expected[:2] ** 2, axis=0), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(run.t, DT * np.arange(61))
+    u = run.u[0]
+    np.testing.assert_allclose(run.y[0], plant.C[0] @ run.x[:2] + D * u, atol=1e-12)
+    np.testing.assert_array_equal(run.y[1], [*sequence, sequence[-1]])
+    before = [-1, *sequence[:-1]]
+    for k, (j, i) in enumerate(zip(before, sequence, strict=True)):
+        taken = modes.activation is None or j in (-1, i)
+        z = run.x[:, k] if taken else modes.activation[j, i] @ run.x[:, k]
+        assert u[k] == pytest.approx(-(modes.gains[i] @ z)[0], rel=1e-9, abs=1e-9)
+    assert u[-1] == u[-2]
+    assert run.status == "completed"
+    assert run.success
+
+
+def test_a_nonlinear_system_that_is_linear_runs_as_the_linear_one():
+    for D in (0.0, 0.4):
+        plant = linear(D)
+        A, B, C = plant.A, plant.B, plant.C
+        twin = control.nlsys(
+            lambda t, x, u, p, A=A, B=B: A @ x + B @ u,
+            lambda t, x, u, p, C=C, D=D: C @ x + D * u,
+            inputs=1,
+            outputs=1,
+            states=2,
+        )
+        modes = dynamic(plant)
+        x, sequence = [1.0, -0.5], random_sequence(modes)
+        run = simulate(twin, modes, Schedule(modes, Gaussian(x, np.eye(2)), sequence), x, 60)
+        np.testing.assert_allclose(run.x, exact(modes, x, sequence), rtol=1e-7, atol=1e-8)
+
+
+@pytest.mark.parametrize("D", [0.0, 0.4])
+def test_a_sampled_plant_is_stepped(D):
+    modes = dynamic(linear(D).sample(DT))
+    x, sequence = [1.0, -0.5], random_sequence(modes)
+    run = simulate(modes.plant, modes, Schedule(modes, Gaussian(x, np.eye(2)), sequence), x, 60)
+    np.testing.assert_allclose(run.x, exact(modes, x, sequence), rtol=1e-12, atol=1e-12)
+    without = close_loops(control.ss(linear().sample(DT), dt=True), {"k": [[1.0, 1.0]]})
+    run = simulate(control.ss(linear().sample(DT), dt=True), without, Constant(0), x, 5)
+    np.testing.assert_array_equal(run.t, np.arange(6))
+
+
+@pytest.mark.parametrize("inactive", INACTIVE)
+@pytest.mark.parametrize("D", [0.0, 0.4])
+def test_a_delay_is_one_more_state(inactive, D):
+    """The plant's input w is a state: x+ = A x + B w, w+ = u(zeta, x, C x + D w)."""
+    plant = linear(D)
+    modes = dynamic(plant, inactive)
+    sampled, c = plant.sample(DT), modes.controllers
+    x, sequence = np.array([1.0, -0.5]), random_sequence(modes)
+    zeta, w, before, expected, inputs = c.initial @ x, np.zeros(1), -1, [], []
+    for mode in sequence:
+        expected.append([*x, *zeta])
+        inputs.append(w)
+        begin = zeta if before in (-1, mode) else c.E[before, mode] @ zeta + c.Ex[before, mode] @ x
+        y = sampled.C @ x + sampled.D @ w
+        u = -(c.Hz[mode] @ begin + c.Hx[mode] @ x + c.Hy[mode] @ y)
+        zeta = c.F[mode] @ begin + c.Gx[mode] @ x + c.Gy[mode] @ y + c.Gu[mode] @ u
+        x, w, before = sampled.A @ x + sampled.B @ w, u, mode
+    run = simulate(plant, modes, Schedule(modes, Gaussian([1.0, -0.5], np.eye(2)), sequence), [1, -0.5], 60, delay=True)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(run.x[:, :-1].T, expected, rtol=1e-6, atol=1e-7 * scale)
+    np.testing.assert_allclose(run.u[:, :-1].T, inputs, rtol=1e-6, atol=1e-7 * scale)
+
+
+METHODS = [Rollout(), PointwiseMinimum(), RecedingHorizon(10, 3), FewSwitches(2), Refine(Rollout()), Constant(1)]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+@pytest.mark.parametrize("rules", [None, Rules(min_dwell=4, start=("lag", 2))])
+def test_online_decisions_are_those_of_the_schedule(method, rules):
+    plant = linear()
+    modes = dynamic(plant)
+    x = [1.0, -0.5]
+    planned = schedule(modes, Gaussian(x, np.zeros((2, 2))), method, 40, rules)
+    online = simulate(plant, modes, method, x, 40, rules=rules)
+    replayed = simulate(plant, modes, planned, x, 40)
+    np.testing.assert_array_equal(online.sequence, planned.sequence)
+    np.testing.assert_array_equal(online.x, replayed.x)
+    np.testing.assert_allclose(replayed.x[:, :-1], planned.mean, rtol=1e-6, atol=1e-8)
+    graph = SwitchingGraph(modes, rules or Rules())
+    np.testing.assert_array_equal(simulate(plant, modes, method, x, 40, rules=graph).sequence, planned.sequence)
+
+
+def test_a_schedule_goes_on_with_its_lead_and_its_tail():
+    modes = dynamic(linear())
+    planned = Schedule(modes, Gaussian([1.0, 0.0], np.eye(2)), [0, 1], tail=(1, 2, 2), lead=(2, 0))
+    run = simulate(linear(), modes, planned, [1, 0], 10)
+    np.testing.assert_array_equal(run.sequence, [0, 1, 2, 0, 1, 2, 2, 1, 2, 2])
+    np.testing.assert_array_equal(simulate(linear(), modes, planned, [1, 0], 1).sequence, [0])
+    ends = Schedule(modes, Gaussian([1.0, 0.0], np.eye(2)), [0, 1], terminal=np.eye(4))
+    with pytest.raises(ValueError, match="ends after 2"):
+        simulate(linear(), modes, ends, [1, 0], 3)
+    assert simulate(linear(), modes, ends, [1, 0], 2).status == "completed"
+
+
+def quadrotor_rate(x, tau, c=quadrotor.PARAMETERS):
+    """The paper's equations with the rotors' speeds by hand."""
+    phi, theta, _, p, q, r = x
+    b, d, lever, hover = c["b"], c["d"], c["l"], c["m"] * c["g"]
+    common, roll, pitch, yaw = hover / (4 * b), tau[0] / (2 * b * lever), tau[1] / (2 * b * lever), tau[2] / (4 * d)
+    squares = [common - yaw + pitch, common + yaw - roll, common - yaw - pitch, common + yaw + roll]
+    o1, o2, o3, o4 = np.sqrt(squares)
+    residual = -o1 + o2 - o3 + o4
+    return [
+        p + np.tan(theta) * (q * np.sin(phi) + r * np.cos(phi)),
+        q * np.cos(phi) - r * np.sin(phi),
+        (q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta),
+        (q * r * (c["Iyy"] - c["Izz"]) + c["Jr"] * q * residual + tau[0]) / c["Ixx"],
+        (p * r * (c["Izz"] - c["Ixx"]) - c["Jr"] * p * residual + tau[1]) / c["Iyy"],
+        (p * q * (c["Ixx"] - c["Iyy"]) + tau[2]) / c["Izz"],
+    ]
+
+
+def test_the_quadrotor_runs_as_its_equations_say():
+    modes = quadrotor.modes()
+    x0 = 0.1 * quadrotor.initial_state().mean
+    planned = schedule(modes, Gaussian(x0, np.zeros((6, 6))), quadrotor.method(), 100)
+    limits = np.array([0.005, 0.02, 0.05])
+    run = simulate(quadrotor.nonlinear_plant(), modes, planned, x0, 100, saturation=(-limits, limits), rtol=1e-10)
+    x, gains = x0, [quadrotor.high_gain(), quadrotor.low_gain()]
+    for k, mode in enumerate(planned.sequence):
+        np.testing.assert_allclose(run.x[:, k], x, rtol=1e-8, atol=1e-10)
+        u = np.clip(-gains[mode] @ x, -limits, limits)
+        np.testing.assert_allclose(run.u[:, k], u, rtol=1e-7, atol=1e-10)
+        found = solve_ivp(lambda t, x, u=u: quadrotor_rate(x, u), (0, 0.01), x, "DOP853", rtol=1e-13, atol=1e-15)
+        x = found.y[:, -1]
+    np.testing.assert_allclose(run.x[:, -1], x, rtol=1e-8, atol=1e-10)
+    assert (np.abs(run.u) == limits[:, None]).any(axis=1).sum() >= 2
+
+
+def test_the_default_tolerance_keeps_eight_digits():
+    modes, x0 = quadrotor.modes(), 0.1 * quadrotor.initial_state().mean
+    runs = [
+        simulate(quadrotor.nonlinear_plant(), modes, Rollout(), x0, 100, **how)
+        for how in ({}, {"rtol": 1e-12, "atol": 1e-14})
+    ]
+    np.testing.assert_array_equal(runs[0].sequence, runs[1].sequence)
+    np.testing.assert_allclose(runs[0].x, runs[1].x, rtol=1e-7, atol=1e-8)
+
+
+def test_saturation_acts_on_the_plant_and_is_told_to_controllers_that_track():
+    plant = linear()
+    modes = dynamic(plant)
+    sequence = [0] * 30
+    planned = Schedule(modes, Gaussian([1.0, -0.5], np.eye(2)), sequence)
+    run = simulate(plant, modes, planned, [3, 0], 30, saturation=(-0.5, [0.25]))
+    sampled, c, z = modes.plant, modes.controllers, np.concatenate([[3.0, 0.0], modes.controllers.initial @ [3.0, 0.0]])
+    for k in range(30):
+        x, zeta = z[:2], z[2:]
+        np.testing.assert_allclose(run.x[:, k], z, rtol=1e-6, atol=1e-7)
+        u = np.clip(-np.array([2.0, 1.0]) @ x, -0.5, 0.25)
+        assert run.u[0, k] == pytest.approx(u, abs=1e-7)
+        zeta = c.F[0] @ zeta + c.Gy[0] @ sampled.C @ x + c.Gu[0] @ [u]
+        z = np.concatenate([sampled.A @ x + sampled.B @ [u], zeta])
+    assert run.u.min() == -0.5
+    assert c.Gu[0].any()
+    free = simulate(plant, modes, planned, [3, 0], 30, saturation=(-np.inf, np.inf))
+    np.testing.assert_array_equal(free.x, simulate(plant, modes, planned, [3, 0], 30).x)
+    one_sided = simulate(plant, modes, planned, [3, 0], 30, saturation=(-0.5, np.inf))
+    assert one_sided.u.min() == -0.5
+
+
+def curved(gain=0.4):
+    """A plant whose output depends on its input at once, and not linearly."""
+    return control.nlsys(
+        lambda t, x, u, p: [x[1], -np.sin(x[0]) + u[0]],
+        lambda t, x, u, p: [x[0] + gain * np.tanh(u[0])],
+        inputs=1,
+        outputs=1,
+        states=2,
+        name="curved",
+    )
+
+
+@pytest.mark.parametrize("saturation", [None, (-0.3, 0.3)])
+@pytest.mark.parametrize("plant", [curved(), linear(0.4)], ids=lambda plant: plant.name)
+def test_an_algebraic_loop_is_solved_at_every_sample(plant, saturation):
+    of = plant if isinstance(plant, control.StateSpace) else plant.linearize([0, 0], [0])
+    modes = close_loops(of, {"out": control.ss([], [], [], [[1.5]]), "lead": control.tf([4, 4], [1, 8])}, DT)
+    run = simulate(plant, modes, Rollout(), [1.0, 0.5], 40, saturation=saturation)
+    low, high = saturation or (-np.inf, np.inf)
+    c = modes.controllers
+    for k, mode in enumerate(run.sequence):
+        y = plant.output(0, run.x[:2, k], run.u[:, k])
+        assert run.y[0, k] == y[0]
+        asked = -(c.Hz[mode] @ run.x[2:, k] + c.Hy[mode] @ y)
+        assert run.u[:, k] == pytest.approx(np.clip(asked, low, high), abs=1e-8)
+    assert len(set(run.sequence.tolist())) == 2 or saturation
+    if saturation:
+        assert (np.abs(run.u) == 0.3).any()
+
+
+def test_an_algebraic_loop_without_solution_is_told():
+    plant = control.nlsys(
+        lambda t, x, u, p: [-x[0]],
+        lambda t, x, u, p: [x[0] + 0.5 * u[0] + 5 * u[0] ** 2],
+        inputs=1,
+        outputs=1,
+        states=1,
+    )
+    modes = close_loops(plant.linearize([0], [0]), {"out": control.ss([], [], [], [[1.0]])}, DT)
+    with pytest.raises(ValueError, match=r"algebraic loop.*delay=True"):
+        simulate(plant, modes, Constant(0), [5.0], 3)
+    assert simulate(plant, modes, Constant(0), [0.1], 3).status == "completed"
+    assert simulate(plant, modes, Constant(0), [0.1], 3, delay=True).status == "completed"
+
+
+def test_noise_is_drawn_from_the_seed():
+    plant = linear()
+    modes = dynamic(plant)
+    quiet, first, again, other = (
+        simulate(plant, modes, Constant("lead"), [1, 0], 50, noise=noise, seed=seed)
+        for noise, seed in ((None, 1), (0.01, 1), ([[0.01]], 1), (0.01, 2))
+    )
+    np.testing.assert_array_equal(first.x, again.x)
+    assert not np.allclose(first.x, other.x)
+    assert not np.allclose(first.x, quiet.x)
+    np.testing.assert_allclose(first.y[0], plant.C[0] @ first.x[:2], atol=1e-12)
+    # u = -(H xi + D (y + v)): the noise that was measured has the covariance asked for
+    long = simulate(plant, modes, Constant("lead"), [0, 0], 4000, noise=0.01)
+    c = modes.controllers
+    v = (-long.u[0] - (c.Hz[1] @ long.x[2:])[0]) / c.Hy[1, 0, 0] - long.y[0]
+    assert v[:-1].std() == pytest.approx(0.1, rel=0.05)
+    silent = simulate(plant, modes, Constant("lead"), [1, 0], 50, noise=0.0)
+    np.testing.assert_array_equal(silent.x, quiet.x)
+
+
+def test_an_initial_state_is_drawn_from_a_gaussian():
+    modes = dynamic(linear())
+    x0 = Gaussian([1.0, 2.0], [[0.04, 0.01], [0.01, 0.09]])
+    draws = np.array([simulate(linear(), modes, Constant(0), x0, 1, seed=seed).x[:, 0] for seed in range(300)])
+    np.testing.assert_allclose(draws[:, :2].mean(axis=0), x0.mean, atol=0.06)
+    np.testing.assert_allclose(np.cov(draws[:, :2].T), x0.cov, atol=0.03)
+    np.testing.assert_allclose(draws[:, 2:], draws[:, :2] @ modes.controllers.initial.T)
+    whole = [1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_array_equal(simulate(linear(), modes, Constant(0), whole, 1).x[:, 0], whole)
+
+
+def pendulum():
+    return control.nlsys(
+        lambda t, x, u, p: [x[1], np.sin(x[0]) + u[0]],
+        lambda t, x, u, p: [np.sin(x[0])],
+        inputs=["torque"],
+        states=["angle", "rate"],
+        outputs=["height"],
+        name="pendulum",
+    )
+
+
+@pytest.mark.parametrize("as_object", [False, True])
+def test_loops_run_about_an_operating_point(as_object):
+    """A pendulum about 0.7 rad: the same run, in deviations, written out."""
+    plant, x_e, u_e = pendulum(), np.array([0.7, 0.0]), np.array([-np.sin(0.7)])
+    point = control.find_operating_point(plant, x_e, u_e) if as_object else (x_e, u_e)
+    loops = {"gain": [[20.0, 6.0]], "lead": control.tf([40, 60], [1, 12])}
+    modes = close_loops(plant.linearize(x_e, u_e), loops, 0.02)
+    run = simulate(plant, modes, Rollout(), [1.0, 0.1], 100, operating_point=point, saturation=(-2, 2))
+    scheduler, c, before = Rollout().start(modes), modes.controllers, -1
+    x, zeta = np.array([1.0, 0.1]), c.initial @ [0.3, 0.1]
+    for k in range(100):
+        np.testing.assert_allclose(run.x[:, k], [*x, *zeta], atol=1e-8)
+        dx = x - x_e
+        mode = scheduler.step([*dx, *zeta])
+        assert run.sequence[k] == mode
+        zeta, before = c.activated(before, mode, zeta, dx), mode
+        y = np.array([np.sin(x[0]) - np.sin(0.7)])
+        u = np.clip(u_e + c.output(mode, zeta, dx, y), -2, 2)
+        zeta = c.updated(mode, zeta, dx, y, u - u_e)
+        x = solve_ivp(lambda t, x, u=u: [x[1], np.sin(x[0]) + u[0]], (0, 0.02), x, rtol=1e-12, atol=1e-14).y[:, -1]
+    assert run.w2[0] == pytest.approx(0.3**2 + 0.1**2)
+    assert run.w2[-1] < 1e-3
+    rest = simulate(plant, modes, Rollout(), x_e, 50, operating_point=point)
+    np.testing.assert_allclose(rest.x[:2].T, np.broadcast_to(x_e, (51, 2)), atol=1e-9)
+
+
+def test_loops_follow_a_trajectory():
+    plant, N = linear(), 80
+    modes = dynamic(plant)
+    u_e = np.sin(0.3 * np.arange(N))[None]
+    x_e, x = np.empty((2, N + 1)), np.zeros(2)
+    for k in range(N + 1):
+        x_e[:, k] = x
+        x = modes.plant.A @ x + modes.plant.B @ u_e[:, min(k, N - 1)]
+    run = simulate(plant, modes, Rollout(), [1.0, -0.5], N, operating_point=(x_e, u_e))
+    deviation = simulate(plant, modes, Rollout(), [1.0, -0.5], N)
+    np.testing.assert_allclose(run.x[:2] - x_e, deviation.x[:2], atol=1e-7)
+    np.testing.assert_allclose(run.x[2:], deviation.x[2:], atol=1e-7)
+    np.testing.assert_allclose(run.w2, deviation.w2, atol=1e-7)
+
+
+def clear(x):
+    """Whether the pitch is clear of a right angle, where the Euler angles are singular."""
+    return np.cos(x[1]) - 0.15
+
+
+def test_a_run_that_leaves_its_domain_stops_there():
+    modes, x0 = quadrotor.modes(), quadrotor.initial_state().mean + [0, 0.2, 0, 0, -8, 0]
+    plant = quadrotor.nonlinear_plant()
+    planned = schedule(modes, Gaussian(x0, np.zeros((6, 6))), Constant("low"), 100)
+    run = simulate(plant, modes, planned, x0, 100, domain=clear)
+    assert run.status.startswith("left its domain at ")
+    left = float(run.status.split()[4])
+    k = len(run.t) - 1
+    assert 0 < k < 100
+    assert run.t[k] <= left < run.t[k] + 0.01
+    assert len(run.sequence) == k + 1
+    u = run.u[:, k]
+    x = solve_ivp(lambda t, x: quadrotor_rate(x, u), (0, left - run.t[k]), run.x[:, k], rtol=1e-10, atol=1e-12)
+    assert np.cos(x.y[1, -1]) == pytest.approx(0.15, abs=1e-4)
+    assert not run.success
+    outside = simulate(plant, modes, planned, x0, 100, domain=lambda x: np.nan)
+    assert outside.status == "left its domain at 0 s: domain(x) is not positive"
+    assert outside.x.shape == (6, 1)
+    assert len(outside.sequence) == 0
+
+
+def test_a_sampled_run_stops_at_the_first_sample_outside():
+    modes = close_loops(linear().sample(DT), {"gain": [[2.0, 1.0]]})
+    run = simulate(modes.plant, modes, Constant(0), [1, 0], 50, domain=lambda x: x[0])
+    inside = run.x[0, :-1]
+    assert (inside > 0).all()
+    assert run.x[0, -1] <= 0
+    assert run.status == f"left its domain at {run.t[-1]:.6g} s: domain(x) is not positive"
+
+
+def root_plant(failure):
+    """x' = -1 + u, defined while x > 0."""
+
+    def rate(t, x, u, params):
+        if x[0] <= 0:
+            failure()
+        return [-np.sqrt(x[0]) - 0.5 + u[0]]
+
+    return control.nlsys(rate, inputs=1, states=1, outputs=1)
+
+
+def raising():
+    raise ZeroDivisionError("no root")
+
+
+def interrupting():
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("failure", "words"),
+    [(raising, "raised ZeroDivisionError: no root"), (lambda: None, "not finite"), (interrupting, "interrupted")],
+)
+def test_a_plant_that_fails_ends_the_run_with_what_there_is(failure, words):
+    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
+    run = simulate(root_plant(failure), modes, Constant(0), [1.0], 100)
+    assert words in run.status
+    # sqrt(x) + ln(1 + 2 sqrt(x)) terms: x' = -sqrt(x) - 1/2 reaches zero at 2 - ln 3
+    end = 2 - np.log(3)
+    if failure is not interrupting:
+        assert run.status.startswith("left its domain at ")
+        assert float(run.status.split()[4]) == pytest.approx(end, abs=1e-3)
+    assert len(run.t) == int(end / 0.1) + 1
+    assert np.isfinite(run.x).all()
+    assert (run.x > 0).all()
+
+
+def test_an_interruption_before_anything_is_not_swallowed():
+    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
+
+    def output(t, x, u, params):
+        raise KeyboardInterrupt
+
+    plant = control.nlsys(lambda t, x, u, p: -x, output, inputs=1, outputs=1, states=1)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(plant, modes, Constant(0), [1.0], 5)
+
+
+def test_an_output_that_fails_and_nan_never_choose():
+    modes = close_loops(linear(), {"lead": control.tf([4, 4], [1, 8]), "gain": [[2.0, 1.0]]}, DT)
+    plant = control.nlsys(
+        lambda t, x, u, p: linear().A @ x + linear().B @ u,
+        lambda t, x, u, p: [x[0] + 0.3 * x[1] if t < 1.05 else np.nan],
+        inputs=1,
+        outputs=1,
+        states=2,
+    )
+    with pytest.raises(ValueError, match="at operating_point"):
+        simulate(
+            control.nlsys(plant.updfcn, lambda t, x, u, p: [np.nan], inputs=1, outputs=1, states=2),
+            modes,
+            Rollout(),
+            [1, 0],
+            20,
+        )
+    run = simulate(plant, modes, Rollout(), [1, 0], 20)
+    assert "not finite" in run.status
+    assert len(run.sequence) == 11
+    assert len(run.t) == 12
+    assert np.isfinite(run.x).all()
+    assert np.isnan(run.y[0, -1])
+    assert np.isfinite(run.u).all()
+
+
+def test_a_run_that_escapes_in_finite_time_stops():
+    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
+    plant = control.nlsys(lambda t, x, u, p: x**2 + u, inputs=1, states=1, outputs=1)
+    run = simulate(plant, modes, Rollout(), [0.95], 100)
+    assert float(run.status.split(" at ")[1].split()[0]) == pytest.approx(1 / 0.95, abs=1e-5)
+    assert len(run.t) == 11
+    sampled = control.nlsys(lambda t, x, u, p: 10 * x**3, inputs=1, states=1, outputs=1, dt=0.1)
+    run = simulate(sampled, modes, Rollout(), [2.0], 100)
+    assert run.status != "completed"
+    assert np.isfinite(run.x).all()
+
+
+def test_the_response_is_python_controls():
+    modes = dynamic(linear())
+    run = simulate(linear(), modes, Rollout(), [1, 0], 20)
+    assert isinstance(run, control.TimeResponseData)
+    assert run.input_labels == ["force"]
+    assert run.state_labels == ["place", "speed", "lead.x[0]", "lag.x[0]"]
+    assert run.output_labels == ["y[0]", "index"]
+    np.testing.assert_array_equal(run.outputs["index"], run.y[1])
+    assert run.to_pandas().shape == (21, 1 + 1 + 2 + 4)
+    run.plot()
+    stopped = simulate(linear(), modes, Rollout(), [1, 0], 20, domain=lambda x: -1.0)
+    stopped.plot()
+    plt.close("all")
+    assert "├── switches" in repr(run)
+    assert "left its domain" in repr(stopped)
+    assert "<table>" in run._repr_html_()
+    np.testing.assert_array_equal(copy.deepcopy(run).x, run.x)
+
+
+def test_arguments_are_not_changed():
+    modes, x0, point = dynamic(linear()), np.array([1.0, 0.0]), (np.array([0.5, 0.0]), np.array([0.5]))
+    simulate(linear(), modes, Rollout(), x0, 20, operating_point=point)
+    np.testing.assert_array_equal(x0, [1.0, 0.0])
+    np.testing.assert_array_equal(point[0], [0.5, 0.0])
+
+
+def test_a_system_of_systems_is_a_plant():
+    plant = control.interconnect([linear()], inputs=["force"], outputs=[linear().output_labels[0]])
+    modes = dynamic(linear())
+    run = simulate(plant, modes, Constant(0), [1, 0], 20)
+    np.testing.assert_allclose(run.x, simulate(linear(), modes, Constant(0), [1, 0], 20).x, rtol=1e-9, atol=1e-11)
+
+
+def static_modes(dt=DT, **keywords):
+    return close_loops(linear(), {"gain": [[2.0, 1.0]]}, dt, **keywords)
+
+
+def planned(modes):
+    return Schedule(modes, Gaussian(np.ones(2), np.eye(2)), [0])
+
+
+MODES = static_modes()
+
+
+def nonlinear(**keywords):
+    return control.nlsys(
+        lambda t, x, u, p: -x, lambda t, x, u, p: x[:1], **({"inputs": 1, "states": 2, "outputs": 1} | keywords)
+    )
+
+
+def wrong(**changes):
+    return {"plant": linear(), "modes": MODES, "method": Constant(0), "x0": [1.0, 0.0], "steps": 5} | changes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        (wrong(plant=control.tf([1], [1, 1])), TypeError, "not a TransferFunction; control.ss"),
+        (wrong(plant="plant"), TypeError, "not a str"),
+        (wrong(plant=nonlinear(inputs=2)), ValueError, "2 states, 2 inputs and 1 outputs; .* one of 2, 1 and 1"),
+        (wrong(plant=nonlinear(states=3)), ValueError, "3 states"),
+        (wrong(plant=nonlinear(outputs=2)), ValueError, "2 outputs"),
+        (wrong(plant=nonlinear(dt=0.2)), ValueError, r"dt = 0.2, and the modes with dt = 0.1"),
+        (wrong(plant=nonlinear(dt=None)), ValueError, "plant.dt is None"),
+        (wrong(modes=close_loops(linear().sample(DT), [[[1.0, 1.0]]]), plant=linear().sample(0.3)), ValueError, "0.3"),
+        (
+            wrong(modes=close_loops(control.ss(linear().sample(DT), dt=True), [[[1.0, 1.0]]])),
+            ValueError,
+            "no sampling period",
+        ),
+        (
+            wrong(
+                plant=control.nlsys(lambda t, x, u, p: [1.0], lambda t, x, u, p: x[:1], inputs=1, states=2, outputs=1)
+            ),
+            ValueError,
+            "expected 2",
+        ),
+        (wrong(modes=ModeSet(MODES.A)), TypeError, "not a ModeSet: a plain ModeSet knows no plant"),
+        (wrong(modes=linear()), TypeError, "what close_loops returns"),
+        (wrong(modes=static_modes(discretize="closed_loop")), ValueError, 'discretize="plant"'),
+        (wrong(method="rollout"), TypeError, "method must be a Method"),
+        (wrong(method=planned(MODES), rules=Rules()), ValueError, "leave them out"),
+        (wrong(method=planned(static_modes(0.2))), ValueError, "other modes"),
+        (wrong(rules=SwitchingGraph(static_modes())), ValueError, "other modes"),
+        (wrong(x0=[1.0]), ValueError, r"x0 has shape \(1,\); the plant has 2 states"),
+        (wrong(x0=[1.0, np.nan]), ValueError, r"x0\[1\] is nan"),
+        (wrong(x0=Gaussian([1.0], [[1.0]])), ValueError, r"shape \(1,\)"),
+        (wrong(x0="here"), TypeError, "x0 must hold real numbers"),
+        (wrong(steps=0), ValueError, "at least 1"),
+        (wrong(steps=1.5), ValueError, "whole number"),
+        (wrong(saturation=1.0), TypeError, "must be \\(low, high\\)"),
+        (wrong(saturation=(1.0, -1.0)), ValueError, "low <= high"),
+        (wrong(saturation=(np.nan, 1.0)), ValueError, "low <= high"),
+        (wrong(saturation=(np.inf, np.inf)), ValueError, "low <= high"),
+        (wrong(saturation=([0.0, 0.0], 1.0)), ValueError, r"low has shape \(2,\)"),
+        (wrong(saturation=("a", 1.0)), TypeError, "real numbers"),
+        (wrong(delay=0.5), TypeError, "True or False"),
+        (wrong(noise=0.1), ValueError, "don't measure it"),
+        (wrong(modes=dynamic(linear()), noise=-0.1), ValueError, "noise is not positive semidefinite"),
+        (wrong(modes=dynamic(linear()), noise=np.eye(2)), ValueError, r"noise has shape \(2, 2\)"),
+        (wrong(operating_point=3), TypeError, "find_operating_point"),
+        (wrong(operating_point=([1.0], [1.0])), ValueError, r"state of operating_point has shape \(1,\)"),
+        (wrong(operating_point=([1.0, 0.0], np.ones((1, 6)))), ValueError, r"expected \(1,\), or \(1, 5\)"),
+        (wrong(operating_point=(np.ones((2, 5)), [1.0])), ValueError, r"expected \(2,\), or \(2, 6\)"),
+        (wrong(operating_point=([1.0, np.inf], [1.0])), ValueError, "inf"),
+        (wrong(domain=1.0), TypeError, "domain must be a function"),
+        (wrong(seed=None), TypeError, "seed"),
+        (wrong(seed=-1), ValueError, "seed is -1"),
+        (wrong(rtol=0), ValueError, "rtol is 0"),
+        (wrong(atol=np.nan), ValueError, "atol is nan"),
+        (wrong(atol="1"), TypeError, "atol"),
+        (wrong(saturated=True), TypeError, "saturated"),
+    ],
+)
+def test_wrong_input(arguments, error, words):
+    with pytest.raises(error, match=words):
+        simulate(**arguments)
