@@ -19,6 +19,7 @@ from switchctl import (
     Rules,
     SwitchingGraph,
     compare,
+    monte_carlo,
     schedule,
     sweep,
     trade_off,
@@ -29,6 +30,7 @@ from switchctl.plotting import (
     plot_bounds,
     plot_ellipses,
     plot_graph,
+    plot_monte_carlo,
     plot_schematic,
     plot_sweep,
     plot_switching,
@@ -56,6 +58,7 @@ def pictures(modes, x0):
         plot_sweep: sweep(modes, x0, [1, 20], [1, 5]),
         plot_graph: SwitchingGraph(modes, Rules(min_dwell=2)),
         plot_trade_off: trade_off(modes, x0, values=[0, 1]),
+        plot_monte_carlo: monte_carlo(comparison, 50),
         plot_bounds: search_of(modes, x0)[0],
         plot_tree: search_of(modes, x0)[1],
     }

@@ -361,7 +361,7 @@ def clear(x):
 
 
 def test_a_run_that_leaves_its_domain_stops_there():
-    modes, x0 = quadrotor.modes(), quadrotor.initial_state().mean + [0, 0.2, 0, 0, -8, 0]
+    modes, x0 = quadrotor.modes(), np.array([0.5, -1.3, -5.0, 0.1, -7.8, 0.1])
     plant = quadrotor.nonlinear_plant()
     planned = schedule(modes, Gaussian(x0, np.zeros((6, 6))), Constant("low"), 100)
     run = simulate(plant, modes, planned, x0, 100, domain=clear)
