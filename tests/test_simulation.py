@@ -108,7 +108,8 @@ def test_a_sampled_plant_is_stepped(D):
 
 @pytest.mark.parametrize("inactive", INACTIVE)
 @pytest.mark.parametrize("D", [0.0, 0.4])
-def test_a_delay_is_one_more_state(inactive, D):
+@pytest.mark.parametrize("limit", [np.inf, 0.3])
+def test_a_delay_is_one_more_state(inactive, D, limit):
     """The plant's input w is a state: x+ = A x + B w, w+ = u(zeta, x, C x + D w)."""
     plant = linear(D)
     modes = dynamic(plant, inactive)
@@ -120,10 +121,11 @@ def test_a_delay_is_one_more_state(inactive, D):
         inputs.append(w)
         begin = zeta if before in (-1, mode) else c.E[before, mode] @ zeta + c.Ex[before, mode] @ x
         y = sampled.C @ x + sampled.D @ w
-        u = -(c.Hz[mode] @ begin + c.Hx[mode] @ x + c.Hy[mode] @ y)
+        u = np.clip(-(c.Hz[mode] @ begin + c.Hx[mode] @ x + c.Hy[mode] @ y), -limit, limit)
         zeta = c.F[mode] @ begin + c.Gx[mode] @ x + c.Gy[mode] @ y + c.Gu[mode] @ u
         x, w, before = sampled.A @ x + sampled.B @ w, u, mode
-    run = simulate(plant, modes, Schedule(modes, Gaussian([1.0, -0.5], np.eye(2)), sequence), [1, -0.5], 60, delay=True)
+    planned = Schedule(modes, Gaussian([1.0, -0.5], np.eye(2)), sequence)
+    run = simulate(plant, modes, planned, [1, -0.5], 60, delay=True, saturation=(-limit, limit))
     scale = np.abs(expected).max()
     np.testing.assert_allclose(run.x[:, :-1].T, expected, rtol=1e-6, atol=1e-7 * scale)
     np.testing.assert_allclose(run.u[:, :-1].T, inputs, rtol=1e-6, atol=1e-7 * scale)
@@ -154,6 +156,13 @@ def test_a_schedule_goes_on_with_its_lead_and_its_tail():
     run = simulate(linear(), modes, planned, [1, 0], 10)
     np.testing.assert_array_equal(run.sequence, [0, 1, 2, 0, 1, 2, 2, 1, 2, 2])
     np.testing.assert_array_equal(simulate(linear(), modes, planned, [1, 0], 1).sequence, [0])
+    ruled = schedule(modes, Gaussian([1.0, 0.0], np.eye(2)), Rollout(), 5, Rules(min_dwell=4, max_dwell=6))
+    run = simulate(linear(), modes, ruled, [1, 0], 60)
+    np.testing.assert_array_equal(run.sequence[:5], ruled.sequence)
+    dwells = np.diff(np.flatnonzero(np.diff([-1, *run.sequence, -1])))
+    assert len(dwells) > 8
+    assert (dwells[:-1] >= 4).all()
+    assert (dwells <= 6).all()
     ends = Schedule(modes, Gaussian([1.0, 0.0], np.eye(2)), [0, 1], terminal=np.eye(4))
     with pytest.raises(ValueError, match="ends after 2"):
         simulate(linear(), modes, ends, [1, 0], 3)

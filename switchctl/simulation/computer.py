@@ -77,7 +77,7 @@ class Computer:
 
         loop = controllers.Hy[mode] @ self.feedthrough
         if self.pending is not None:
-            applied, self.pending = self.pending, None
+            applied = self.pending
             y = self.plant.output(t, x, applied)
             command = self.pending = self.limit(asked(y))
         elif loop.any():

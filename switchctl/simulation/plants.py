@@ -75,7 +75,7 @@ class Plant:
 
         def rate(after: float, state: Array) -> Array:
             nonlocal failures, latest
-            if not np.isfinite(state).all():  # of a step that is given up
+            if latest is not None and not np.isfinite(state).all():  # of a step that is given up
                 return np.full(len(x), np.nan)
             try:
                 value = _told("derivative", self.rate, t + after, state, u)
