@@ -13,10 +13,13 @@ from switchctl import (
     Constant,
     Gaussian,
     ModeSet,
+    MonteCarlo,
     PointwiseMinimum,
     RecedingHorizon,
     Rollout,
+    Rules,
     Schedule,
+    SwitchingGraph,
     close_loops,
     compare,
     monte_carlo,
@@ -133,6 +136,14 @@ def test_a_state_known_exactly_is_predicted_to_rounding():
     np.testing.assert_allclose(found.standard_error, 0, atol=1e-12)
 
 
+def test_the_first_step_may_be_a_switch():
+    rng = np.random.default_rng(4)
+    modes = ModeSet(random_modes(rng, 3, 2), plant_states=2, activation=activation(rng))
+    graph = SwitchingGraph(modes, Rules(start=(1, 1)))
+    result = Schedule(modes, Gaussian([1.0, 2.0, 3.0], np.zeros((3, 3))), [0, 0, 1], graph=graph)
+    np.testing.assert_allclose(monte_carlo(result, 5).mean[0], result.w2, rtol=1e-12)
+
+
 def test_blocks_merge_to_what_all_runs_give(monkeypatch):
     result = schedule(five_mode.modes(), five_mode.initial_state(), PointwiseMinimum(), 10)
     whole = monte_carlo(result, 1000)
@@ -150,10 +161,12 @@ def test_blocks_merge_to_what_all_runs_give(monkeypatch):
 
 
 def test_runs_of_a_plant_are_simulated_ones():
-    comparison = planned()
-    found = monte_carlo(comparison, 12, plant=plant(), saturation=(-2, 2), delay=True, noise=0.01, seed=3)
-    draws = found_draws(comparison.schedules["rollout"].x0, 12, 3)
-    for i, result in enumerate(comparison.schedules.values()):
+    modes, x0 = loops(), planned().x0
+    x0 = Gaussian(x0.mean[:2], x0.cov[:2, :2])
+    schedules = {"rollout": schedule(modes, x0, Rollout(), 20), "lead": schedule(modes, x0, Constant("lead"), 20)}
+    found = monte_carlo(schedules, 12, plant=plant(), saturation=(-2, 2), delay=True, noise=0.01, seed=3)
+    draws = found_draws(schedules["lead"].x0, 12, 3)
+    for i, result in enumerate(schedules.values()):
         w2 = [
             simulate(
                 plant(),
@@ -235,6 +248,24 @@ def test_runs_that_leave_their_domain_are_counted_and_left_out_of_later_means():
     for shown in (found, none):
         shown.plot()
     plt.close("all")
+
+
+def test_inside_counts_the_steps_before_any_run_stopped():
+    ones = np.ones((1, 4))
+    found = MonteCarlo(
+        modes=five_mode.modes(),
+        labels=("one",),
+        predicted=ones,
+        mean=np.array([[1.0, 1.2, 1.2, np.nan]]),
+        standard_error=0.01 * ones,
+        counted=np.array([[9, 9, 5, 0]]),
+        stops=(((3, "left its domain at 2 s"), (4, "..")),),
+        samples=9,
+        asked=9,
+        confidence=0.99,
+    )
+    np.testing.assert_array_equal(found.inside, [0.5])
+    np.testing.assert_array_equal(found.left, [2])
 
 
 class Interrupts:

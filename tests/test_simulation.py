@@ -13,6 +13,7 @@ from switchctl import (
     FewSwitches,
     Gaussian,
     ModeSet,
+    Optimal,
     PointwiseMinimum,
     RecedingHorizon,
     Refine,
@@ -25,6 +26,7 @@ from switchctl import (
     simulate,
 )
 from switchctl.models import quadrotor
+from switchctl.simulation.replay import lasting
 
 INACTIVE = ["track", "reset", "hold", "run"]
 DT = 0.1
@@ -135,10 +137,10 @@ METHODS = [Rollout(), PointwiseMinimum(), RecedingHorizon(10, 3), FewSwitches(2)
 
 
 @pytest.mark.parametrize("method", METHODS, ids=repr)
-@pytest.mark.parametrize("rules", [None, Rules(min_dwell=4, start=("lag", 2))])
+@pytest.mark.parametrize("rules", [None, Rules(min_dwell=4, start=("lag", 2)), Rules(min_dwell=2, start=("lag", 5))])
 def test_online_decisions_are_those_of_the_schedule(method, rules):
     plant = linear()
-    modes = dynamic(plant)
+    modes = dynamic(plant, "reset")
     x = [1.0, -0.5]
     planned = schedule(modes, Gaussian(x, np.zeros((2, 2))), method, 40, rules)
     online = simulate(plant, modes, method, x, 40, rules=rules)
@@ -148,6 +150,31 @@ def test_online_decisions_are_those_of_the_schedule(method, rules):
     np.testing.assert_allclose(replayed.x[:, :-1], planned.mean, rtol=1e-6, atol=1e-8)
     graph = SwitchingGraph(modes, rules or Rules())
     np.testing.assert_array_equal(simulate(plant, modes, method, x, 40, rules=graph).sequence, planned.sequence)
+
+
+def test_a_method_for_a_run_that_ends_is_told_its_length():
+    modes = close_loops(linear(), {"gain": [[2.0, 1.0]], "weak": [[0.2, 0.1]]}, DT)
+    method = Optimal(gap=1e-6, terminal=5 * np.eye(2))
+    planned = schedule(modes, Gaussian([1.0, 0.5], np.zeros((2, 2))), method, 12)
+    np.testing.assert_array_equal(simulate(linear(), modes, method, [1.0, 0.5], 12).sequence, planned.sequence)
+
+
+@pytest.mark.parametrize("lead", [(), (2, 0, 0)])
+def test_a_longer_schedule_is_the_same_run_for_ever(lead):
+    modes = dynamic(linear())
+    planned = Schedule(modes, Gaussian([1.0, 0.0], np.eye(2)), [0, 1], tail=(1, 2, 2), lead=lead)
+    for steps in range(1, 12):
+        longer = lasting(planned, steps)
+        assert len(longer) == max(steps, 2)
+        assert longer.cost == pytest.approx(planned.cost, rel=1e-9)
+
+
+def test_a_plant_may_change_with_time():
+    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
+    plant = control.nlsys(lambda t, x, u, p: [np.cos(t)], lambda t, x, u, p: [t], inputs=1, states=1, outputs=1)
+    run = simulate(plant, modes, Constant(0), [0.0], 40)
+    np.testing.assert_allclose(run.x[0], np.sin(run.t), atol=1e-8)
+    np.testing.assert_array_equal(run.y[0], run.t)
 
 
 def test_a_schedule_goes_on_with_its_lead_and_its_tail():
@@ -266,6 +293,23 @@ def test_an_algebraic_loop_is_solved_at_every_sample(plant, saturation):
         assert (np.abs(run.u) == 0.3).any()
 
 
+def test_an_algebraic_loop_of_two_inputs_at_their_limits():
+    """What one input lacks at its limit, the other makes up for as far as the loop couples them."""
+    D = np.array([[0.4, 0.3], [-0.2, 0.5]])
+    plant = control.ss(np.diag([-0.1, -0.2]), np.eye(2), np.eye(2), D)
+    K = np.array([[1.0, 0.4], [-0.3, 1.2]])
+    modes = close_loops(plant, {"both": control.ss([], [], [], K), "half": control.ss([], [], [], K / 2)}, DT)
+    # with two outputs and two states a system is fed by the output
+    assert modes.controllers.by_output
+    assert not modes.controllers.by_state
+    run = simulate(plant, modes, Rollout(), [2.0, -1.0], 40, saturation=(-0.4, [0.2, 3.0]))
+    for k, mode in enumerate(run.sequence):
+        asked = -[K, K / 2][mode] @ (run.x[:, k] + D @ run.u[:, k])
+        assert run.u[:, k] == pytest.approx(np.clip(asked, -0.4, [0.2, 3.0]), abs=1e-8)
+    one = (run.u[0] == -0.4) & (np.abs(run.u[1]) < 0.4)
+    assert one.any()
+
+
 def test_an_algebraic_loop_without_solution_is_told():
     plant = control.nlsys(
         lambda t, x, u, p: [-x[0]],
@@ -329,7 +373,7 @@ def test_loops_run_about_an_operating_point(as_object):
     plant, x_e, u_e = pendulum(), np.array([0.7, 0.0]), np.array([-np.sin(0.7)])
     point = control.find_operating_point(plant, x_e, u_e) if as_object else (x_e, u_e)
     loops = {"gain": [[20.0, 6.0]], "lead": control.tf([40, 60], [1, 12])}
-    modes = close_loops(plant.linearize(x_e, u_e), loops, 0.02)
+    modes = close_loops(plant.linearize(x_e, u_e), loops, 0.02, initial="settled")
     run = simulate(plant, modes, Rollout(), [1.0, 0.1], 100, operating_point=point, saturation=(-2, 2))
     scheduler, c, before = Rollout().start(modes), modes.controllers, -1
     x, zeta = np.array([1.0, 0.1]), c.initial @ [0.3, 0.1]
