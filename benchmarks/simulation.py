@@ -13,7 +13,7 @@ from switchctl.moments import Array, moment_factor
 from switchctl.tables import text_table
 
 SAMPLES, STEPS = 10_000, 1000
-SUBSET = 10  # samples that the slower ways run
+SUBSET = 10  # samples that the slower two are timed on
 TURNS = 5
 TOLERANCES = {"rtol": 1e-8, "atol": 1e-10}
 
