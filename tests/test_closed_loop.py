@@ -1,5 +1,7 @@
 """Closing loops against python-control's own feedback and exact sampling."""
 
+import pickle
+
 import control
 import numpy as np
 import pytest
@@ -103,6 +105,20 @@ def test_input_is_copied():
     plant.A[0, 0], gains["a"][0, 0] = 99.0, 99.0
     np.testing.assert_array_equal(modes.A, before)
     assert modes["a"].K[0, 0] == 1.0
+
+
+def test_closed_loops_can_be_pickled():
+    loops = {"gain": [[40.0, 10.0]], "lead": control.ss(-10, [[1.0, 0.5]], 1, [[2.0, 1.0]])}
+    for discretize in ("plant", "closed_loop"):
+        modes = close_loops(axis(), loops, 0.02, discretize)
+        copied = pickle.loads(pickle.dumps(modes))
+        assert type(copied) is type(modes)
+        np.testing.assert_array_equal(copied.A, modes.A)
+        assert (copied.plant is None) == (modes.plant is None) == (discretize == "closed_loop")
+        if modes.plant is not None:
+            np.testing.assert_array_equal(copied.plant.B, modes.plant.B)
+            np.testing.assert_array_equal(copied.controllers.F, modes.controllers.F)
+            assert (copied.plant.dt, copied.plant.state_labels) == (0.02, ["angle", "rate"])
 
 
 def nonlinear():
