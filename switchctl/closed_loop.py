@@ -17,6 +17,7 @@ from switchctl.sampling import Sampling, common_period, exact_step, plant_system
 from switchctl.validation import positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
+_TOLD = ("controllers", "process_noise", "measurement_noise", "error_covariance")
 
 
 class ClosedLoops(ModeSet):
@@ -28,6 +29,8 @@ class ClosedLoops(ModeSet):
         The sampled plant; None where the loops were closed in continuous time.
     controllers : Controllers or None
         What runs beside it at the samples.
+    process_noise : array, shape (m, n, n), or None
+        Covariance of the process noise on the plant's state in a step, by mode.
     measurement_noise : array, shape (p, p), or None
         The covariance V.
     error_covariance : array, shape (n, n), or None
@@ -37,6 +40,7 @@ class ClosedLoops(ModeSet):
 
     plant: control.StateSpace | None
     controllers: Controllers | None
+    process_noise: Array | None
     measurement_noise: Array | None
     error_covariance: Array | None
 
@@ -48,6 +52,7 @@ class ClosedLoops(ModeSet):
         *,
         plant: control.StateSpace | None,
         controllers: Controllers | None,
+        process_noise: Array | None = None,
         measurement_noise: Array | None = None,
         error_covariance: Array | None = None,
         **keywords: Any,
@@ -55,12 +60,13 @@ class ClosedLoops(ModeSet):
         super().__init__(matrices, names, dt, **keywords)
         object.__setattr__(self, "plant", None if plant is None else control.StateSpace(plant))
         object.__setattr__(self, "controllers", controllers)
+        object.__setattr__(self, "process_noise", process_noise)
         object.__setattr__(self, "measurement_noise", measurement_noise)
         object.__setattr__(self, "error_covariance", error_covariance)
 
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild, arguments = super().__reduce__()
-        told = {name: getattr(self, name) for name in ("controllers", "measurement_noise", "error_covariance")}
+        told = {name: getattr(self, name) for name in _TOLD}
         made = None if self.plant is None else recipe(self.plant)
         return partial(_rebuilt, partial(rebuild, **told), made), arguments
 
@@ -243,6 +249,7 @@ def close_loops(
         cost=cost,
         plant=None if continuous else plant,
         controllers=None if continuous else together,
+        process_noise=noise if noise.any() else None,
         measurement_noise=measured,
         error_covariance=None if L is None else error_covariance(plant, L, noise, measured),
     )

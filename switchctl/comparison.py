@@ -62,7 +62,10 @@ class Comparison:
     @property
     def single_w2(self) -> Array:
         """W2 of each mode held from the start, shape (m, steps)."""
-        return constant_w2(self.modes.A, self.x0.second_moment, self.steps, self.modes.plant_states)
+        modes, x0 = self.modes, self.x0
+        if modes.noisy:
+            return np.array([Schedule(modes, x0, [i] * self.steps).w2 for i in range(len(modes))])
+        return constant_w2(modes.A, x0.second_moment, self.steps, modes.plant_states)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return one record for each single mode and each schedule.

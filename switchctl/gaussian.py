@@ -102,6 +102,25 @@ class Gaussian:
         shift = self.mean - target
         return np.sum(shift**2, axis=-1) + np.trace(self.cov, axis1=-2, axis2=-1)
 
+    def about(self, point: Any) -> Self:
+        """The same Gaussian in deviations from a point, such as an operating point that is to be reached.
+
+        Parameters
+        ----------
+        point : array_like, shape (n,)
+            The point.
+
+        Returns
+        -------
+        Gaussian
+
+        Examples
+        --------
+        >>> Gaussian([5.0, 1.0], np.eye(2)).about([4.0, 0.0]).mean
+        array([1., 1.])
+        """
+        return type(self)(self.mean - real_array(point, "point", (self.mean.shape[-1],)), self.cov)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.mean, self.cov)  # so that copies are checked and read-only too
 

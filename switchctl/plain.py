@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 VERSION = 4
 """Of schedule files."""
-_NEEDED = "cost edges lead lengthened lower_bound method rules sequence statistics status tail terminal"
+_NEEDED = "cost edges lead lengthened lower_bound method rules sequence statistics status tail target terminal"
 
 
 def plain_system(graph: SwitchingGraph, x0: Gaussian) -> dict[str, Any]:
@@ -81,6 +81,7 @@ def plain_schedule(schedule: "Schedule") -> dict[str, Any]:
         cost = schedule.cost if math.isfinite(schedule.cost) else None
     except (ArithmeticError, np.linalg.LinAlgError):
         cost = None
+    target = schedule.target
     return {
         "method": schedule.method,
         "status": schedule.status,
@@ -92,6 +93,7 @@ def plain_schedule(schedule: "Schedule") -> dict[str, Any]:
         "statistics": dict(schedule.statistics),
         "lower_bound": schedule.lower_bound,
         "terminal": None if schedule.terminal is None else schedule.terminal.tolist(),
+        "target": None if target is None else [target.mean.tolist(), target.cov.tolist()],
         "sequence": schedule.sequence.tolist(),
     }
 
@@ -115,6 +117,7 @@ def read_schedule(document: Mapping[str, Any]) -> tuple[Any, ...]:
         {name: number(value, f"statistics[{name!r}]") for name, value in dict(document["statistics"]).items()},
         document["lower_bound"],
         document["terminal"],
+        None if document["target"] is None else Gaussian(*read_list(document["target"])),
     )
 
 

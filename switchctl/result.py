@@ -19,8 +19,9 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import initial_state
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, moment_factor, stepped, trajectory
+from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
+from switchctl.predicted import factors_along, predicted, squared_distances
 from switchctl.result_text import facts, heading
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
@@ -70,6 +71,8 @@ class Schedule:
         What every schedule for these modes, rules and initial state costs at least, where it is proven.
     terminal : array_like, shape (n, n), optional
         For a run that ends after the last step: the weight M of the state there. It then has no tail.
+    target : Gaussian, optional
+        For a run that ends, too: the distribution of the plant's state that W2 is the distance to.
 
     Raises
     ------
@@ -106,6 +109,7 @@ class Schedule:
     statistics: Mapping[str, Any] = field(default_factory=dict)
     lower_bound: float | None = None
     terminal: Any = None
+    target: Gaussian | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", initial_state(self.modes, self.x0))
@@ -113,7 +117,12 @@ class Schedule:
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
         tail = tuple(self.modes.index(mode) for mode in self.tail)
-        if self.terminal is None:
+        if self.target is not None:
+            if tail or self.lead or self.terminal is not None:
+                raise ValueError(
+                    "a schedule with a target ends after its steps; it has no tail, no lead, no terminal weight"
+                )
+        elif self.terminal is None:
             tail = tail or (int(sequence[-1]),)
         else:
             M = real_array(self.terminal, "terminal", self.modes.A.shape[1:])
@@ -147,7 +156,7 @@ class Schedule:
     def __reduce__(self) -> tuple[Any, ...]:
         rest = (self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened, self.lead)
         # A copy is checked and read-only too, and has the modes of its graph.
-        last = dict(self.statistics), self.lower_bound, self.terminal
+        last = dict(self.statistics), self.lower_bound, self.terminal, self.target
         return _rebuilt, (type(self), self.graph, rest, last)
 
     def __len__(self) -> int:
@@ -156,18 +165,9 @@ class Schedule:
     @cached_property
     def _run(self) -> tuple[Array, Array, Gaussian]:
         """W2 and stage cost of each step, and the Gaussian after the last."""
-        Q, plant = self.modes.Q_after, self.modes.plant_states
         F = moment_factor(self.x0.mean, self.x0.cov)
-        w2, stage = np.empty(len(self)), np.empty(len(self))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k, step in enumerate(zip(self._before, self.sequence, strict=True)):
-                w2[k] = np.sum(F[:plant] ** 2)
-                stage[k] = np.vdot(F, Q[step] @ F)
-                F = self._stepped(F, *step)
-            left = np.flatnonzero(~np.isfinite([*w2, np.vdot(F, F)]))
-        if len(left):
-            raise FloatingPointError(f"W2 exceeds the floating-point range after step {left[0] - 1}")
-        return frozen(w2), frozen(stage), Gaussian(F[:, 0], F[:, 1:] @ F[:, 1:].T)
+        w2, stage, final = predicted(self.modes, self._before, self.sequence, F, self.target)
+        return frozen(w2), frozen(stage), final
 
     @property
     def time(self) -> Array:
@@ -176,7 +176,7 @@ class Schedule:
 
     @property
     def w2(self) -> Array:
-        """Squared Wasserstein distance of the plant's state to the origin, ``tr S_k``, shape (N,)."""
+        """Squared Wasserstein distance of the plant's state to the origin, ``tr S_k``, or the target, shape (N,)."""
         return self._run[0]
 
     @property
@@ -193,20 +193,23 @@ class Schedule:
     @cached_property
     def cov(self) -> Array:
         """Covariance of the state, shape (N, n, n)."""
-        factors = [moment_factor(self.x0.mean, self.x0.cov)]
-        for before, mode in zip(self._before[:-1], self.sequence[:-1], strict=True):
-            factors.append(self._stepped(factors[-1], before, mode))
+        F = moment_factor(self.x0.mean, self.x0.cov)
+        factors = list(factors_along(self.modes, self._before[:-1], self.sequence[:-1], F))
         roots = np.array(factors)[:, :, 1:]
         return frozen(roots @ np.swapaxes(roots, -1, -2))
-
-    def _stepped(self, F: Array, before: int, mode: int) -> Array:
-        noise = self.modes.noise_roots
-        return stepped(F, self.modes.A_after[before, mode], None if noise is None else noise[mode])
 
     @property
     def final(self) -> Gaussian:
         """The state after the last step."""
         return self._run[2]
+
+    @property
+    def final_w2(self) -> float:
+        """W2 after the last step."""
+        if self.target is None:
+            return float(np.sum(self.modes.distance * self.final.second_moment))
+        F = moment_factor(self.final.mean, self.final.cov)
+        return float(squared_distances(self.modes, F[None], self.target)[0])
 
     @cached_property
     def _parts(self) -> tuple[CostParts, CostParts]:
@@ -217,6 +220,8 @@ class Schedule:
         each = modes.dk * (stage + modes.offset[self.sequence]), switching, modes.dk * graph.price[self.sequence]
         steps = CostParts(*(float(weight @ part) for part in each))
         last = modes.discount ** len(self)
+        if self.target is not None:
+            return steps, CostParts(float(last * modes.dk * self.final_w2), 0.0, 0.0)
         if self.terminal is not None:
             return steps, CostParts(float(last * modes.dk * np.sum(self.terminal * final.second_moment)), 0.0, 0.0)
         require_criterion(modes)
@@ -304,12 +309,8 @@ class Schedule:
         """
         import pandas
 
-        columns = {
-            "time": self.time,
-            "index": self.sequence,
-            "name": [self.modes.names[mode] for mode in self.sequence],
-            "w2": self.w2,
-        }
+        names = [self.modes.names[mode] for mode in self.sequence]
+        columns = {"time": self.time, "index": self.sequence, "name": names, "w2": self.w2}
         return pandas.DataFrame(columns, index=pandas.RangeIndex(len(self), name="k"))
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:

@@ -34,9 +34,7 @@ def facts(schedule: "Schedule") -> list[tuple[str, str]]:
         ("proven", _told(lambda: _proven(schedule))),
         (
             "W2",
-            _told(
-                lambda: f"{schedule.w2[0]:.6g} -> {np.sum(schedule.modes.distance * schedule.final.second_moment):.6g}"
-            ),
+            _told(lambda: f"{schedule.w2[0]:.6g} -> {schedule.final_w2:.6g}"),
         ),
         ("switches", f"{len(switches)}" + (f" ({', '.join(first)}{more})" if switches else "")),
         ("use", ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True) if s)),
@@ -55,6 +53,8 @@ def _proven(schedule: "Schedule") -> str:
 
 
 def _after(schedule: "Schedule") -> str:
+    if schedule.target is not None:
+        return "the distance to the target after the last step"
     if schedule.terminal is not None:
         return "the weight of the state after the last step"
     names, word = schedule.modes.names, schedule.tail

@@ -26,6 +26,7 @@ def schedule(
     rules: Rules | SwitchingGraph | None = None,
     *,
     terminal: Any = None,
+    target: Gaussian | None = None,
 ) -> Schedule:
     """Decide which mode acts at each step, by a method run along the predicted moments.
 
@@ -49,6 +50,11 @@ def schedule(
     terminal : array_like, shape (n, n), optional
         For a run that ends after ``steps``: a positive semidefinite weight M of the state there, which costs
         ``dk * tr(M S_N)``; of the plant's states or of all. By default the run goes on for ever.
+    target : Gaussian, optional
+        A distribution that the plant's state is to have: W2 is then the squared Wasserstein distance to it, and the
+        cost ``dk`` times its sum over the ``steps`` and the state after them. For `Constant`, `PointwiseMinimum` and
+        `RecedingHorizon` with a finite horizon. (A point to be reached is no target but another origin: see
+        `Gaussian.about`.)
 
     Returns
     -------
@@ -80,14 +86,17 @@ def schedule(
         raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
     steps = None if steps is None else whole_number(steps, "steps")
     graph, M = graph_under(modes, rules), None
-    if terminal is None:
+    if target is not None:
+        _check_target(modes, method, target, steps, terminal)
+    elif terminal is None:
         require_criterion(modes)
     else:
         M = _terminal(modes, terminal, steps)
     scheduler = method.start(graph)
     scheduler.steps, scheduler.initial, scheduler.terminal = steps, x0.second_moment, M
+    scheduler.target = target
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
-    lead, word = scheduler.tail(F @ F.T) if M is None else ((), ())
+    lead, word = scheduler.tail(F @ F.T) if M is None and target is None else ((), ())
     return Schedule(
         modes,
         x0,
@@ -101,7 +110,24 @@ def schedule(
         scheduler.statistics,
         scheduler.lower_bound,
         M,
+        target,
     )
+
+
+def _check_target(modes: ModeSet, method: Method, target: Any, steps: int | None, terminal: Any) -> None:
+    if not isinstance(target, Gaussian):
+        raise TypeError(f"target must be a Gaussian, not a {type(target).__name__}; for a point, x0.about(point)")
+    if not method.evaluates:
+        raise ValueError(
+            f"{method!r} needs costs that are linear in the second moment, and the distance to a Gaussian target is "
+            "not; use RecedingHorizon, or the second-moment distance to the target's mean, x0.about(target.mean)"
+        )
+    if target.mean.shape != (modes.plant_states,):
+        raise ControlDimension(
+            f"target has a mean of shape {target.mean.shape}; the plant has {modes.plant_states} states"
+        )
+    if steps is None or terminal is not None or modes.cost == "average":
+        raise ValueError("a target is for a run of so many steps, without a terminal weight and not for an average")
 
 
 def _terminal(modes: ModeSet, value: Any, steps: int | None) -> Array:

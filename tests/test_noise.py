@@ -371,3 +371,32 @@ def test_wrong_input(make, error, words):
 
 X0 = Gaussian([1.0, 1.0], 0.1 * np.eye(2))
 NOISY = ModeSet(STABLE, W=0.1 * np.eye(2), cost=("discounted", 0.9))
+
+
+def test_simulated_and_drawn_runs_have_the_predicted_moments():
+    """The whole way: noise, filter, controllers and plant of `simulate` and `monte_carlo` against the prediction."""
+    modes = noisy_loops(cost=("discounted", 0.99))
+    x0 = Gaussian([1.0, -0.5], 0.05 * np.eye(2))
+    planned = Schedule(modes, x0, [0] * 6 + [1] * 8 + [0] * 6)
+    drawn = switchctl.monte_carlo(planned, 20_000, seed=1)
+    assert (np.abs(drawn.mean[0] - planned.w2) <= 4.5 * drawn.standard_error[0]).all()
+    ran = switchctl.monte_carlo(planned, 500, plant=PLANT, seed=2)
+    assert (np.abs(ran.mean[0] - planned.w2) <= 4.5 * ran.standard_error[0]).all()
+    online = switchctl.simulate(PLANT, modes, Rollout(), x0, 40, seed=3)
+    again = switchctl.simulate(PLANT, modes, Rollout(), x0, 40, seed=3)
+    np.testing.assert_array_equal(online.states, again.states)
+    assert online.status == "completed"
+
+
+def test_a_run_decides_by_the_estimate():
+    quiet = close_loops(PLANT, {"gain": [[3.0, 2.0]], "lead": LEAD}, dt=0.1, estimator=[[0.5], [0.3]])
+    x0 = Gaussian([1.0, -0.5], 0.3 * np.eye(2))
+    run = switchctl.simulate(PLANT, quiet, RecedingHorizon(3), x0, 30, seed=4)
+    scheduler = RecedingHorizon(3).start(quiet)
+    estimates = run.states[-2:]
+    np.testing.assert_array_equal(estimates[:, 0], [1.0, -0.5])
+    assert np.linalg.norm(run.states[:2, 0] - estimates[:, 0]) > 0.1
+    for k in range(30):
+        z = np.concatenate([estimates[:, k], run.states[2:, k]])
+        assert scheduler.step(z, quiet.error_covariance) == run.sequence[k]
+    assert np.linalg.norm(run.states[:2, -1] - estimates[:, -1]) < 0.02

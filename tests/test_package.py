@@ -19,6 +19,7 @@ ORDER = [
     "moments gramians tables files",
     "validation",
     "gaussian modes rules",
+    "predicted",
     "limits",
     "memory",
     "contradiction",

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from control import ControlDimension
@@ -97,6 +97,10 @@ class Scheduler(ABC):
         The length of the run, where it is known before it begins.
     initial : array, shape (n, n), or None
         The second moment at the first sample, where it is known more exactly than by the factor of a prediction.
+    target : Gaussian or None
+        The distribution of the plant's state that is wanted; None for the origin.
+    factor : array, shape (n, n + 1), or None
+        Where there is a target, the moment factor at the sample, which tells mean and covariance apart.
     """
 
     lengthened: int = 0
@@ -106,6 +110,8 @@ class Scheduler(ABC):
     terminal: Array | None = None
     steps: int | None = None
     initial: Array | None = None
+    target: Gaussian | None = None
+    factor: Array | None = None
 
     def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
         self.graph = as_graph(graph)
@@ -324,7 +330,15 @@ class _Shape(tuple[int, ...]):
 
 
 class Method(ABC):
-    """A way to schedule: settings, fixed once made. Methods are interchangeable in `schedule` and `compare`."""
+    """A way to schedule: settings, fixed once made. Methods are interchangeable in `schedule` and `compare`.
+
+    Attributes
+    ----------
+    evaluates : bool
+        Whether it can work towards a Gaussian target: whether it needs no cost that is linear in the second moment.
+    """
+
+    evaluates: ClassVar[bool] = False
 
     @abstractmethod
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:

@@ -1,6 +1,7 @@
 """One mode for ever: the yardstick of every other method."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Constant(Method):
     """
 
     mode: int | str | Mode
+    evaluates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if isinstance(self.mode, Mode):

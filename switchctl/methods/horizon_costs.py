@@ -1,6 +1,7 @@
 """What each mode costs over a horizon, from a node of the switching graph."""
 
 import math
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import chain, cycle, islice
 from typing import NamedTuple
@@ -71,19 +72,37 @@ class HorizonCosts:
         """Every mode held over ``k = 0 .. T``, or as long as the rules allow and then another that they allow."""
         graph = self.graph
         values, plans = [], []
-        for i in np.flatnonzero(self.moves[node]).tolist():
-            longest = graph.holds[node, i]
-            h = int(min(longest, T + 1))
-            if longest >= T + 1:
-                values.append(switched(graph, node, i, self._held(i, h)))
-                plans.append([i] * int(min(longest, self.hold)))
-                continue
-            then = int(graph.walk([i] * h, node)[-1])
-            for j in np.flatnonzero(self.moves[then]).tolist():
+        for i, h, j in self._holds(node, T):
+            rest = None
+            if j is None:
+                plans.append([i] * int(min(graph.holds[node, i], self.hold)))
+            else:
+                then = int(graph.walk([i] * h, node)[-1])
                 rest = switched(graph, then, j, self._held(j, T + 1 - h))
-                values.append(switched(graph, node, i, self._held(i, h, rest)))
                 plans.append(([i] * h + [j] * int(min(graph.holds[then, j], self.hold)))[: self.hold])
+            values.append(switched(graph, node, i, self._held(i, h, rest)))
         return Candidates(*as_rows(graph, values), plans)
+
+    def _holds(self, node: int, T: int) -> Iterator[tuple[int, int, int | None]]:
+        """A mode, the steps for which it is held, and the mode that follows; None where it fills the horizon."""
+        graph = self.graph
+        for i in np.flatnonzero(self.moves[node]).tolist():
+            h = int(min(graph.holds[node, i], T + 1))
+            if h == T + 1:
+                yield i, h, None
+                continue
+            for j in np.flatnonzero(self.moves[int(graph.walk([i] * h, node)[-1])]).tolist():
+                yield i, h, j
+
+    def plans(self, node: int, T: int | float) -> list[list[int]]:
+        """The modes of each candidate over ``k = 0 .. T``, as far as the rules allow them."""
+        if T == math.inf:
+            raise ValueError("a target needs a finite horizon: the distance to it doesn't add up to a finite cost")
+        graph, found = self.graph, []
+        for i, h, j in self._holds(node, int(T)):
+            then = int(graph.walk([i] * h, node)[-1])
+            found.append([i] * h + ([] if j is None else [j] * int(min(graph.holds[then, j], T + 1 - h))))
+        return found
 
     @cached_property
     def moves(self) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """The pointwise minimum: the receding horizon at its shortest."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import Method, Scheduler
@@ -22,6 +23,8 @@ class PointwiseMinimum(Method):
     >>> PointwiseMinimum().start(modes).step([1.0])
     0
     """
+
+    evaluates: ClassVar[bool] = True
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         return RecedingHorizon(horizon=1).start(graph)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import TIE, Method, Scheduler, least_cost
 from switchctl.methods.horizon_costs import HorizonCosts
+from switchctl.methods.towards import towards
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.validation import number, whole_number
@@ -67,6 +69,7 @@ class RecedingHorizon(Method):
     horizon: Horizon
     hold: int = 1
     decrease: float | None = None
+    evaluates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         horizon = self.horizon.tolist() if isinstance(self.horizon, np.ndarray) else self.horizon
@@ -169,7 +172,16 @@ class _RecedingHorizonScheduler(Scheduler):
         return self.plan.pop(0)
 
     def _update(self, S: Array) -> None:
-        candidates = self.costs.at(self.node, self.method.at(self.j))
+        T = self.method.at(self.j)
+        if self.target is not None:
+            assert self.factor is not None
+            if self.method.decrease is not None:
+                raise ValueError("decrease is a constraint on the distance to the origin; leave it out with a target")
+            costs, plans = towards(self.graph, self.node, self.costs.plans(self.node, T), self.factor, self.target)
+            self.plan = list(plans[least_cost(costs)][: self.method.hold])
+            self.j += 1
+            return
+        candidates = self.costs.at(self.node, T)
         costs = candidates.rows @ svec(S) + candidates.constants
         if self.method.decrease is None:
             self.plan = list(candidates.plans[least_cost(costs)])

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from switchctl.comparison import Comparison
-from switchctl.moments import constant_w2
+from switchctl.moments import Array, constant_w2
 from switchctl.plotting.style import (
     SCHEDULE_DASHES,
     Legend,
@@ -58,13 +58,13 @@ def plot_w2(
     """
     require(data, (Schedule, Comparison), "plot_w2")
     schedules = data.schedules if isinstance(data, Comparison) else {data.method or "schedule": data}
-    modes, x0 = data.modes, data.x0
+    modes = data.modes
     stop = steps_shown(list(schedules.values()), stop)
     one = len(schedules) == 1
     rows = len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules)
     ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
     t = np.arange(stop) * modes.dk
-    single = constant_w2(modes.A, x0.second_moment, stop, modes.plant_states)
+    single = _single_w2(next(iter(schedules.values())), stop)
     lines = [
         ax.semilogy(t, positive(w2), lw=1.4, label=plain(name), **mode_style(i))[0]
         for i, (name, w2) in enumerate(zip(modes.names, single, strict=True))
@@ -168,7 +168,7 @@ def plot_schematic(
     stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule], stop)
     ax = one_axes(ax)
     t = np.arange(stop) * modes.dk
-    single = constant_w2(modes.A, schedule.x0.second_moment, stop, modes.plant_states)
+    single = _single_w2(schedule, stop)
     lines = [
         ax.plot(t, single[i], lw=1.4, label=f"{plain(modes.names[i])} alone", **mode_style(i))[0]
         for i in (first.after, first.before)
@@ -213,3 +213,11 @@ def _draw_strips(ax: Axes, schedules: dict[str, Schedule], stop: int) -> None:
     ax.set_yticks(range(len(schedules)), [wrapped(label) for label in schedules], fontsize="x-small")
     ax.set_ylim(len(schedules) - 0.5, -0.5)
     ax.set_xlim(0, stop * dk)
+
+
+def _single_w2(schedule: Schedule, stop: int) -> Array:
+    """W2 of each mode held from the start, where the schedule's own rules are left aside."""
+    modes, x0 = schedule.modes, schedule.x0
+    if schedule.target is None and not modes.noisy:
+        return constant_w2(modes.A, x0.second_moment, stop, modes.plant_states)
+    return np.array([Schedule(modes, x0, [i] * stop, target=schedule.target).w2 for i in range(len(modes))])

@@ -22,7 +22,7 @@ class Computer:
     modes : ClosedLoops
         The loops whose controllers run.
     decide : callable
-        The mode, by the whole state.
+        The mode, by the whole state, as far as it is known.
     before : int
         The mode that acted before the start, or -1.
     zeta : array, shape (z,)
@@ -53,6 +53,7 @@ class Computer:
         assert modes.controllers is not None and modes.plant is not None
         self.plant, self.controllers, self.dk = plant, modes.controllers, modes.dk
         self.decide, self.before, self.zeta = decide, before, zeta
+        self.estimated, self.n = modes.estimate_states > 0, modes.plant_states
         self.reference, self.saturation, self.noise = reference, saturation, noise
         linear = plant.system if isinstance(plant.system, control.StateSpace) else modes.plant
         self.feedthrough = np.array(linear.D)
@@ -66,7 +67,8 @@ class Computer:
         """Decide, compute and move on: the mode, the plant's output and the input that acts from this sample on."""
         controllers, t, (x_e, u_e) = self.controllers, k * self.dk, self.reference.at(k)
         dx = x - x_e
-        mode = self.decide(np.concatenate([dx, self.zeta]))
+        known = self.zeta[-self.n :] if self.estimated else dx
+        mode = self.decide(np.concatenate([known, self.zeta]))
         zeta = controllers.activated(self.before, mode, self.zeta, dx)
         away = self.noise()
         if controllers.by_output:

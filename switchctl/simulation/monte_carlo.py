@@ -146,10 +146,12 @@ class _Block(NamedTuple):
 
 def _linear(schedules: list[Schedule], steps: int, draw: _Draws) -> Iterator[_Block]:
     """Runs of the modes, block by block."""
-    A, plant = schedules[0].modes.A_after, schedules[0].modes.plant_states
-    for _, start in draw.blocks(_BLOCK):
+    modes = schedules[0].modes
+    A, plant, noise = modes.A_after, modes.plant_states, modes.noise_roots
+    for begin, start in draw.blocks(_BLOCK):
         tallies = []
-        for schedule in schedules:
+        for place, schedule in enumerate(schedules):
+            random = np.random.default_rng(np.random.SeedSequence(draw.seed, spawn_key=(begin, place)))
             before, X = int(schedule.graph.last_mode[0]), start
             mean, squares = np.empty(steps), np.empty(steps)
             for k, mode in enumerate(schedule.sequence[:steps].tolist()):
@@ -158,7 +160,8 @@ def _linear(schedules: list[Schedule], steps: int, draw: _Draws) -> Iterator[_Bl
                 w2 -= mean[k]
                 squares[k] = w2 @ w2
                 X = A[before, mode] @ X
-                # Process noise enters here: a root of its covariance in this mode times normal draws, one a sample.
+                if noise is not None:
+                    X += noise[mode] @ random.standard_normal(X.shape)
                 before = mode
             tallies.append(Tally(steps))
             tallies[-1].add(start.shape[1], mean, squares)

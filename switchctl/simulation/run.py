@@ -1,6 +1,7 @@
 """One run of a plant under switched digital controllers."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from switchctl.methods import Method
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
+from switchctl.moments import root as factor
 from switchctl.result import Schedule
 from switchctl.rules import Rules
 from switchctl.simulation.computer import Computer
@@ -47,13 +49,15 @@ def simulate(
     delay, measurement noise.
 
     At sample k, with ``(x_e, u_e)`` the operating point, ``y_e`` the plant's output there and v the noise, mode i is
-    decided from ``z = (x - x_e, zeta)`` and, with `Controllers` in the place of the equations,
+    decided from ``z = (x - x_e, zeta)`` (of modes with an estimator, from the estimate and how uncertain it is) and,
+    with `Controllers` in the place of the equations,
 
     ``u = limit(u_e + output_i(zeta, x - x_e, y + v - y_e))`` and
     ``zeta+ = updated_i(zeta, x - x_e, y + v - y_e, u - u_e)``,
 
     so that controllers which track the one that acts follow what the actuator can do of it. The controllers are not
-    told of a delay: zeta+ takes the u of this sample, the plant that of the sample before (at first u_e).
+    told of a delay: zeta+ takes the u of this sample, the plant that of the sample before (at first u_e). The process
+    noise that the modes know, if any, is added to the plant's state at the samples.
 
     Parameters
     ----------
@@ -77,8 +81,8 @@ def simulate(
     delay : bool, optional
         Whether the input computed at a sample acts one sample later.
     noise : array_like, shape (p, p), optional
-        Covariance of white noise on what the controllers measure of the plant's output. (A controller fed by the state
-        and the method see the state itself.)
+        Covariance of white noise on what the controllers measure of the plant's output; by default that of the modes.
+        (Without an estimator, a controller fed by the state and the method see the state itself.)
     operating_point : (array_like, array_like), optional
         State and input that the loops were linearised about, as `control.find_operating_point` returns them; the origin
         by default. Shapes (n,) and (q,), or (n, steps + 1) and (q, steps) for a trajectory to be followed.
@@ -127,7 +131,8 @@ def simulate(
     reference = _operating_point(operating_point, loops.plant_states, q, steps)
     if not isinstance(delay, bool):
         raise TypeError(f"delay must be True or False, not {delay!r}")
-    root = noise_root(noise, loops)
+    root = noise_root(loops.measurement_noise if noise is None else noise, loops)
+    disturbed = None if loops.process_noise is None else [factor(W) for W in loops.process_noise]
     x, zeta = start(x0, loops, reference.at(0)[0], random)
     computer = Computer(
         held,
@@ -147,6 +152,8 @@ def simulate(
                     raise Stopped("domain(x) is not positive")
                 record.act(*computer.sample(k, x))
                 x = held.advance(k * loops.dk, x, record.inputs[-1])
+                if disturbed is not None:
+                    x = x + disturbed[record.modes[-1]] @ random.standard_normal(len(x))
                 record.arrive(x, computer.zeta)
     except KeyboardInterrupt:
         if not record.modes:
@@ -253,7 +260,7 @@ def _decisions(
     graph = graph_under(modes, rules)
     scheduler = method.start(graph)
     scheduler.steps = steps
-    return scheduler.step, int(graph.last_mode[0])
+    return partial(scheduler.step, cov=modes.error_covariance), int(graph.last_mode[0])
 
 
 def _time(modes: ModeSet, k: int, after: float) -> str:

@@ -96,7 +96,13 @@ def start(x0: Any, modes: ClosedLoops, x_e: Array, random: np.random.Generator) 
     if shape not in ((n,), (whole,)):
         controllers = f", or ({whole},) with those of the controllers" if whole > n else ""
         raise ControlDimension(f"x0 has shape {shape}; the plant has {n} states, so expected ({n},){controllers}")
+    mean = x0.mean if isinstance(x0, Gaussian) else x0
     if isinstance(x0, Gaussian):
-        x0 = x0.mean + moment_factor(x0.mean, x0.cov)[:, 1:] @ random.standard_normal(shape[0])
+        x0 = mean + moment_factor(mean, x0.cov)[:, 1:] @ random.standard_normal(shape[0])
     x = x0[:n]
-    return x, (modes.controllers.initial @ (x - x_e) if shape == (n,) else x0[n:])
+    if shape != (n,):
+        return x, x0[n:]
+    zeta = modes.controllers.initial @ (x - x_e)
+    if modes.estimate_states:  # only the mean is known
+        zeta[-n:] = mean - x_e
+    return x, zeta
