@@ -8,7 +8,7 @@ from importlib import import_module
 from types import ModuleType
 
 from switchctl.blocks import scheduler_system, switched_controller
-from switchctl.closed_loop import close_loops
+from switchctl.closed_loop import ClosedLoops, close_loops
 from switchctl.comparison import Comparison, compare
 from switchctl.files import FormatError
 from switchctl.gaussian import Gaussian, wasserstein
@@ -49,6 +49,7 @@ def __getattr__(name: str) -> ModuleType:
 
 __all__ = [
     "Budget",
+    "ClosedLoops",
     "Comparison",
     "Constant",
     "ContradictionError",

@@ -186,7 +186,7 @@ def _rules(asked: argparse.Namespace, model: Model) -> Rules:
 
 def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
     given = model.initial_state
-    n = model.modes.A.shape[-1]
+    n = model.modes.plant_states
     mean = asked.mean if asked.mean is not None else None if given is None else given.mean
     if mean is None:
         raise ValueError(f"{asked.model} has no initial state; give --mean (and --cov)")
@@ -237,7 +237,7 @@ def _certified(schedule: Schedule, path: Path) -> list[Path]:
 def _compare(asked: argparse.Namespace) -> bool:
     model = load_model(asked.model)
     methods: list[Method] = [PointwiseMinimum(), RecedingHorizon(10), RecedingHorizon(50)]
-    if model.modes.schur.any():
+    if any(P is not None for P in model.modes.tails):
         methods += [RecedingHorizon(np.inf), Rollout()]
     labelled = {repr(method): method for method in [*methods, model.method]}
     comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps, _rules(asked, model))

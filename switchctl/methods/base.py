@@ -99,7 +99,7 @@ class Scheduler(ABC):
         The second moment at the first sample, where it is known more exactly than by the factor of a prediction.
     target : Gaussian or None
         The distribution of the plant's state that is wanted; None for the origin.
-    factor : array, shape (n, n + 1), or None
+    moment_factor : array, shape (n, n + 1), or None
         Where there is a target, the moment factor at the sample, which tells mean and covariance apart.
     """
 
@@ -111,7 +111,7 @@ class Scheduler(ABC):
     steps: int | None = None
     initial: Array | None = None
     target: Gaussian | None = None
-    factor: Array | None = None
+    moment_factor: Array | None = None
 
     def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
         self.graph = as_graph(graph)

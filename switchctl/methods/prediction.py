@@ -57,7 +57,8 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     try:
         for k in _counted(CEILING if steps is None else steps):
             with np.errstate(over="ignore", invalid="ignore"):
-                scheduler.factor = None if scheduler.target is None else F
+                if scheduler.target is not None:
+                    scheduler.moment_factor = F
                 mode = scheduler.choose(F @ F.T)
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))

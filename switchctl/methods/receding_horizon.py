@@ -174,10 +174,11 @@ class _RecedingHorizonScheduler(Scheduler):
     def _update(self, S: Array) -> None:
         T = self.method.at(self.j)
         if self.target is not None:
-            assert self.factor is not None
+            F = self.moment_factor
+            assert F is not None
             if self.method.decrease is not None:
                 raise ValueError("decrease is a constraint on the distance to the origin; leave it out with a target")
-            costs, plans = towards(self.graph, self.node, self.costs.plans(self.node, T), self.factor, self.target)
+            costs, plans = towards(self.graph, self.node, self.costs.plans(self.node, T), F, self.target)
             self.plan = list(plans[least_cost(costs)][: self.method.hold])
             self.j += 1
             return
