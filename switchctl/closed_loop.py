@@ -9,11 +9,11 @@ import numpy as np
 
 from switchctl.controllers import Controllers, assembled, controller
 from switchctl.estimation import error_covariance, filter_gain
-from switchctl.feedback import blocks, closed, made_good, waiting
+from switchctl.feedback import Loops, blocks, closed, sampled_loops, waiting
 from switchctl.inactive import Inactive
 from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
-from switchctl.sampling import Sampling, common_period, exact_step, plant_system, recipe, sampled, sampled_noise
+from switchctl.sampling import Sampling, common_period, plant_system, recipe, sampled, sampled_noise
 from switchctl.validation import positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
@@ -204,41 +204,23 @@ def close_loops(
     together = assembled(plant, each, behaviours, starts, continuous, L)
     if V is not None and not together.by_output:
         raise ValueError("V is the noise of the plant's output, and no controller or estimator measures it")
-    loops = closed(plant, together)
-    A, gains = loops.A, loops.gains
-    entire = np.zeros_like(A)
-    entire[:, : plant.nstates, : plant.nstates] = noise
-    offset = np.zeros(len(each))
+    loops, n, z = closed(plant, together), plant.nstates, len(together.states)
+    A, entire = loops.A, np.zeros_like(loops.A)
+    entire[:, :n, :n] = noise
     if measured is not None:
         entire = entire + loops.noise @ measured @ np.swapaxes(loops.noise, -1, -2)
     if continuous:
-        entire = np.stack([sampled_noise(Ai, Wi, float(period)) for Ai, Wi in zip(A, entire, strict=True)])
-        A = np.stack([exact_step(Ai, float(period)) for Ai in A])
-        A = made_good(A, plant.nstates, each, behaviours)
-        for others, own, _ in waiting(plant.nstates, each, behaviours):
-            entire[others, own] = 0.0
-            entire[others, :, own] = 0.0
+        A, entire = sampled_loops(A, entire, float(period), list(waiting(n, each, behaviours)))
     if not np.isfinite(A).all():
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
-    n, z = plant.nstates, len(together.states)
-    weight = np.zeros((n + z, n + z))
-    weight[:n, :n] = np.eye(n)
-    if Q is not None:
-        given = real_array([[Q]] if np.ndim(Q) == 0 else Q, "Q")
-        size = n + z if given.shape == (n + z, n + z) else n
-        weight[:size, :size] = _weight(Q, "Q", size)
-    if R is not None:
-        effort = _weight(R, "R", plant.ninputs)
-        weight = weight + np.swapaxes(gains, -1, -2) @ effort @ gains
-        if measured is not None:
-            offset = np.einsum("kij,jl,kml,im->k", loops.by_noise, measured, loops.by_noise, effort)
+    weight, offset = _costs(Q, R, loops, n, measured)
     identity, nothing = np.eye(n), np.zeros((n, z))
     return ClosedLoops(
         A,
         names,
         period,
         Q=weight,
-        gains=gains,
+        gains=loops.gains,
         states=(*plant.state_labels, *together.states),
         plant_states=n,
         activation=blocks(np.broadcast_to(identity, (len(each), len(each), n, n)), nothing, together.Ex, together.E),
@@ -249,7 +231,7 @@ def close_loops(
         cost=cost,
         plant=None if continuous else plant,
         controllers=None if continuous else together,
-        process_noise=noise if noise.any() else None,
+        process_noise=noise if noise.any() and not continuous else None,
         measurement_noise=measured,
         error_covariance=None if L is None else error_covariance(plant, L, noise, measured),
     )
@@ -261,6 +243,23 @@ def _process_noise(value: Any, m: int, n: int) -> Array:
     if W.shape not in ((n, n), (m, n, n)):
         raise control.ControlDimension(f"W has shape {W.shape}; expected {(n, n)}, or {(m, n, n)} for one a mode")
     return np.array(np.broadcast_to(positive_semidefinite(W, "W"), (m, n, n)))
+
+
+def _costs(Q: Any, R: Any, loops: Loops, n: int, measured: Array | None) -> tuple[Array, Array]:
+    """The stage weights of the whole state, and what the effort that measurement noise makes costs in each mode."""
+    m, size, q = len(loops.A), loops.A.shape[-1], loops.gains.shape[1]
+    weight = np.zeros((size, size))
+    weight[:n, :n] = np.eye(n)
+    if Q is not None:
+        counted = size if np.shape(Q) == (size, size) else n
+        weight[:counted, :counted] = _weight(Q, "Q", counted)
+    if R is None:
+        return weight, np.zeros(m)
+    effort = _weight(R, "R", q)
+    offset = np.zeros(m)
+    if measured is not None:
+        offset = np.einsum("kij,jl,kml,im->k", loops.by_noise, measured, loops.by_noise, effort)
+    return weight + np.swapaxes(loops.gains, -1, -2) @ effort @ loops.gains, offset
 
 
 def _weight(value: Any, name: str, n: int) -> Array:

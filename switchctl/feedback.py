@@ -8,6 +8,7 @@ import numpy as np
 
 from switchctl.controllers import Controllers
 from switchctl.moments import Array
+from switchctl.sampling import exact_step, sampled_noise
 
 _ILL_POSED = 1e8
 
@@ -63,9 +64,16 @@ def waiting(n: int, each: list[Any], behaviours: list[Any]) -> Iterator[tuple[An
             yield np.flatnonzero(np.arange(len(each)) != j), own, kind
 
 
-def made_good(A: Array, n: int, each: list[Any], behaviours: list[Any]) -> Array:
-    """What sampling a closed loop can't know or rounds: the states held, and those that wait for a reset at zero."""
-    for others, own, kind in waiting(n, each, behaviours):
-        A[others, own] = 0.0
-        A[others, own, own] = np.eye(own.stop - own.start) * (kind == "hold")
-    return A
+def sampled_loops(A: Array, W: Array, period: float, waits: list[tuple[Any, slice, str]]) -> tuple[Array, Array]:
+    """Loops closed in continuous time, and the intensities of their noise, at the samples.
+
+    What sampling can't know or rounds is made good: the states held, and those that wait for a reset at zero.
+    """
+    noise = np.stack([sampled_noise(Ai, Wi, period) for Ai, Wi in zip(A, W, strict=True)])
+    steps = np.stack([exact_step(Ai, period) for Ai in A])
+    for others, own, kind in waits:
+        noise[others, own] = 0.0
+        noise[others, :, own] = 0.0
+        steps[others, own] = 0.0
+        steps[others, own, own] = np.eye(own.stop - own.start) * (kind == "hold")
+    return steps, noise

@@ -3,22 +3,21 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from control import ControlDimension
 from numpy.typing import NDArray
 
+from switchctl import mode_checks as checks
 from switchctl.gramians import is_schur, tail, transform
+from switchctl.mode_checks import Cost
 from switchctl.moments import Array, root
 from switchctl.tables import html_table
-from switchctl.validation import frozen, number, positive_semidefinite, real_array, sampling_period, whole_number
+from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period, whole_number
 
 if TYPE_CHECKING:
     from control import StateSpace
-
-
-Cost = Literal["total", "average"] | tuple[Literal["discounted"], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +153,7 @@ class ModeSet:
         offset: Any = None,
         cost: Cost = "total",
     ) -> None:
-        A = _stack(matrices)
+        A = checks.stack(matrices)
         m, n, _ = A.shape
         p = n if plant_states is None else whole_number(plant_states, "plant_states")
         if p > n:
@@ -164,18 +163,18 @@ class ModeSet:
             raise ControlDimension(f"Q has shape {weight.shape}; expected {(n, n)} or {(m, n, n)}")
         fields: dict[str, Any] = {
             "A": frozen(A),
-            "names": _names(names, m, "names", "A{}"),
+            "names": checks.names(names, m, "names", "A{}"),
             "dt": sampling_period(dt),
             "Q": np.broadcast_to(positive_semidefinite(weight, "Q"), A.shape),
             "gains": None if gains is None else frozen(real_array(gains, "gains", (m, None, n))),
-            "states": _names(states, n, "states", "x[{}]"),
+            "states": checks.names(states, n, "states", "x[{}]"),
             "plant_states": p,
-            "activation": _activation(activation, m, n),
-            "initial": frozen(np.eye(n, p) if initial is None else _initial(initial, n, p)),
+            "activation": checks.activation(activation, m, n),
+            "initial": frozen(np.eye(n, p) if initial is None else checks.initial(initial, n, p)),
             "estimate_states": whole_number(estimate_states, "estimate_states", 0),
-            "W": frozen(np.zeros_like(A) if W is None else _noise(W, A.shape)),
+            "W": frozen(np.zeros_like(A) if W is None else checks.noise(W, A.shape)),
             "offset": frozen(np.zeros(m) if offset is None else real_array(offset, "offset", (m,))),
-            "cost": _cost(cost),
+            "cost": checks.cost(cost),
         }
         if fields["estimate_states"] not in (0, p) or p + fields["estimate_states"] > n:
             raise ValueError(f"estimate_states is {estimate_states}; expected 0, or {p} after the plant's states")
@@ -342,72 +341,3 @@ class ModeSet:
             for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True))
         ]
         return html_table(["index", "mode", "spectral radius", "Schur"], rows, self._heading())
-
-
-def _stack(matrices: Any) -> Array:
-    if isinstance(matrices, np.ndarray):
-        array = real_array(matrices, "matrices")
-    else:
-        try:
-            each = [real_array(matrix, f"matrices[{i}]", (None, None)) for i, matrix in enumerate(matrices)]
-        except TypeError as error:
-            if hasattr(matrices, "__iter__"):
-                raise
-            raise TypeError(f"matrices must be the A_i, shape (m, n, n); got {matrices!r}") from error
-        shapes = {matrix.shape for matrix in each}
-        if len(shapes) > 1:
-            raise ControlDimension(f"matrices have shapes {sorted(shapes)}; expected one n by n for all modes")
-        array = np.array(each)
-    if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
-        raise ControlDimension(f"matrices has shape {array.shape}; expected (m, n, n), m and n at least 1")
-    return array
-
-
-def _activation(value: Any, m: int, n: int) -> Array | None:
-    """The maps of switches; None where they all do nothing."""
-    if value is None:
-        return None
-    maps = real_array(value, "activation", (m, m, n, n))
-    for i in range(m):
-        if not np.array_equal(maps[i, i], np.eye(n)):
-            raise ValueError(f"activation[{i}, {i}] must be the identity: a mode that goes on is not activated")
-    return None if (maps == np.eye(n)).all() else frozen(maps)
-
-
-def _initial(value: Any, n: int, p: int) -> Array:
-    initial = real_array(value, "initial", (n, p))
-    if not np.array_equal(initial[:p], np.eye(p)):
-        raise ValueError(f"initial must begin with the identity, since the first {p} states are the plant's own")
-    return initial
-
-
-def _noise(value: Any, shape: tuple[int, ...]) -> Array:
-    W = real_array(value, "W")
-    if W.shape not in (shape, shape[1:]):
-        raise ControlDimension(f"W has shape {W.shape}; expected {shape[1:]} or {shape}")
-    return np.array(np.broadcast_to(positive_semidefinite(W, "W"), shape))
-
-
-def _cost(value: Any) -> Cost:
-    if isinstance(value, str) and value in ("total", "average"):
-        return value  # type: ignore[return-value]
-    if isinstance(value, tuple) and len(value) == 2 and value[0] == "discounted":
-        factor = number(value[1], "the discount factor")
-        if not 0 < factor < 1:
-            raise ValueError(f"the discount factor is {factor}; expected a number strictly between 0 and 1")
-        return ("discounted", factor)
-    raise ValueError(f"cost is {value!r}; expected 'total', 'average' or ('discounted', factor)")
-
-
-def _names(names: Iterable[str] | None, count: int, argument: str, default: str) -> tuple[str, ...]:
-    if names is None:
-        return tuple(default.format(i) for i in range(count))
-    names = names if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
-    if not isinstance(names, tuple) or not all(isinstance(name, str) and name for name in names):
-        raise TypeError(f"{argument} must be a sequence of non-empty strings; got {names!r}")
-    if len(names) != count:
-        raise ValueError(f"{argument} has {len(names)} entries; expected {count}")
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{argument} holds {name!r} more than once; names must be distinct")
-    return names

@@ -18,6 +18,7 @@ PACKAGE = Path(switchctl.__file__).parent
 ORDER = [
     "moments gramians tables files",
     "validation",
+    "mode_checks",
     "gaussian modes rules",
     "predicted",
     "limits",
