@@ -23,6 +23,13 @@ _TOLD = ("controllers", "process_noise", "measurement_noise", "error_covariance"
 class ClosedLoops(ModeSet):
     """Modes that know the plant and the controllers they were made of; `close_loops` makes them.
 
+    Parameters
+    ----------
+    matrices, names, dt, keywords
+        As for `ModeSet`.
+    plant, controllers, process_noise, measurement_noise, error_covariance
+        The attributes.
+
     Attributes
     ----------
     plant : control.StateSpace or None
