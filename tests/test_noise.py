@@ -400,3 +400,12 @@ def test_a_run_decides_by_the_estimate():
         z = np.concatenate([estimates[:, k], run.states[2:, k]])
         assert scheduler.step(z, quiet.error_covariance) == run.sequence[k]
     assert np.linalg.norm(run.states[:2, -1] - estimates[:, -1]) < 0.02
+
+
+def test_of_equal_averages_the_better_beginning_is_taken():
+    """Both modes settle at S = 1; from below the slow one stays below for longer, from above the fast one falls faster."""
+    modes = ModeSet([[[0.5]], [[0.8]]], W=[[[0.75]], [[0.36]]], cost="average")
+    np.testing.assert_allclose(single_mode_costs(modes, Gaussian([1.0], [[0.0]])), 1.0)
+    for method in (Rollout(), RecedingHorizon(np.inf)):
+        for variance, mode in ((5.0, 0), (1.2, 0), (0.8, 1), (0.0, 1)):
+            assert method.start(modes).step([0.0], [[variance]]) == mode
