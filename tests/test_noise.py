@@ -403,9 +403,18 @@ def test_a_run_decides_by_the_estimate():
 
 
 def test_of_equal_averages_the_better_beginning_is_taken():
-    """Both modes settle at S = 1; from below the slow one stays below for longer, from above the fast one falls faster."""
+    """Both modes settle at S = 1: from below the slow one stays there longer, from above the fast one falls faster."""
     modes = ModeSet([[[0.5]], [[0.8]]], W=[[[0.75]], [[0.36]]], cost="average")
     np.testing.assert_allclose(single_mode_costs(modes, Gaussian([1.0], [[0.0]])), 1.0)
     for method in (Rollout(), RecedingHorizon(np.inf)):
         for variance, mode in ((5.0, 0), (1.2, 0), (0.8, 1), (0.0, 1)):
             assert method.start(modes).step([0.0], [[variance]]) == mode
+
+
+def test_bounds_under_a_discount_are_below_what_runs_cost():
+    rng = np.random.default_rng(10)
+    for _ in range(10):
+        modes, x0 = noisy_modes(rng, 2, 2, ("discounted", 0.5)), random_gaussian(rng, 2)
+        scheduler = FewSwitches(1).start(modes)
+        least = (scheduler.bounds @ scheduler.moment(x0.second_moment)).max()
+        assert 0 < least <= schedule(modes, x0, Refine(), 30).cost / modes.dk
