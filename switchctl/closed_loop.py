@@ -10,11 +10,11 @@ import numpy as np
 from switchctl.controllers import Controllers, assembled, controller
 from switchctl.estimation import error_covariance, filter_gain
 from switchctl.feedback import Loops, blocks, closed, sampled_loops, waiting
-from switchctl.inactive import Inactive
+from switchctl.inactive import Inactive, inactive_behaviour
 from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
-from switchctl.sampling import Sampling, common_period, plant_system, recipe, sampled, sampled_noise
-from switchctl.validation import positive_semidefinite, real_array
+from switchctl.sampling import Sampling, common_period, plant_system, recipe, sampled, sampled_noise, sampling_method
+from switchctl.validation import frozen, positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
 _TOLD = ("controllers", "process_noise", "measurement_noise", "error_covariance")
@@ -67,9 +67,9 @@ class ClosedLoops(ModeSet):
         super().__init__(matrices, names, dt, **keywords)
         object.__setattr__(self, "plant", None if plant is None else control.StateSpace(plant))
         object.__setattr__(self, "controllers", controllers)
-        object.__setattr__(self, "process_noise", process_noise)
-        object.__setattr__(self, "measurement_noise", measurement_noise)
-        object.__setattr__(self, "error_covariance", error_covariance)
+        noises = {"process_noise": process_noise, "measurement_noise": measurement_noise}
+        for name, value in {**noises, "error_covariance": error_covariance}.items():
+            object.__setattr__(self, name, None if value is None else frozen(np.array(value)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild, arguments = super().__reduce__()
@@ -192,12 +192,18 @@ def close_loops(
             f"the plant is already sampled (dt = {plant.dt}), so its loops can't be closed in continuous time; "
             "use discretize='plant' or give the continuous plant"
         )
-    hows = _by_controller(sampling, names, "sampling")
+    hows = [sampling_method(how) for how in _by_controller(sampling, names, "sampling")]
+    if continuous and sampling != "tustin":
+        raise ValueError(f"sampling is {sampling!r}, but loops closed in continuous time sample no controller")
     each = [
         controller(plant, entry, name, period, how, continuous)
         for name, entry, how in zip(names, entries, hows, strict=True)
     ]
     behaviours, starts = _by_controller(inactive, names, "inactive"), _by_controller(initial, names, "initial")
+    for name, behaviour, begun in zip(names, behaviours, starts, strict=True):
+        inactive_behaviour(behaviour, f"controllers[{name!r}]")
+        if isinstance(begun, str) and begun not in ("zero", "settled"):
+            raise ValueError(f"initial of {name!r} is {begun!r}; expected 'zero', 'settled' or a matrix")
     for told, what in ((inactive, "inactive"), (initial, "initial"), (sampling, "sampling")):
         _refuse_for_static(told, what, each)
     noise = _process_noise(W, len(each), plant.nstates)
@@ -303,3 +309,5 @@ def _refuse_for_static(value: Any, argument: str, each: list[Any]) -> None:
         for c in each:
             if c.name in value and len(c.F) == 0:
                 raise ValueError(f"{argument} names {c.name!r}, which has no states of its own; leave it out")
+            if argument == "sampling" and c.name in value and c.given_sampled:
+                raise ValueError(f"sampling names {c.name!r}, which is sampled already; leave it out")

@@ -6,16 +6,24 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 
-from switchctl.inactive import Inactive, inactive_behaviour, initial_map, output_scale, reset_map, tracking_gain
+from switchctl.inactive import (
+    Inactive,
+    TrackingNoise,
+    inactive_behaviour,
+    initial_map,
+    reset_map,
+    tracking_gain,
+    tracking_noise,
+)
 from switchctl.moments import Array
 from switchctl.sampling import Sampling, realised, same_period, sampled
-from switchctl.validation import real_array
+from switchctl.validation import frozen, real_array
 
 
 class Controller(NamedTuple):
     """One controller: ``xi+ = F xi + G y``, ``u = -(H xi + D y)``, or fed by the plant's state in the place of y.
 
-    ``scale`` is what a tracking gain in continuous time needs to know, None where the controller is sampled.
+    ``noise`` is what its tracking gain is designed for.
     """
 
     name: str
@@ -25,7 +33,8 @@ class Controller(NamedTuple):
     D: Array
     by_state: bool
     states: tuple[str, ...]
-    scale: Array | None
+    noise: TrackingNoise | None
+    given_sampled: bool = False
 
     @property
     def label(self) -> str:
@@ -71,6 +80,10 @@ class Controllers:
     initial: Array
     names: tuple[str, ...]
     states: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in "F Gx Gy Gu Hz Hx Hy E Ex initial".split():
+            frozen(getattr(self, name))
 
     @property
     def by_state(self) -> bool:
@@ -141,13 +154,13 @@ def controller(
             f"outputs; or {n}, its states) and {q} outputs (the plant's inputs)"
         )
     system = realised(given, label)
-    scale = None
+    noise = None
     if system.nstates:
-        system, scale = _in_time(plant, system, label, period, how, continuous)
+        system, noise = _in_time(plant, system, label, period, how, continuous)
     else:
         _check_timebase(plant, system, label, period)
     states = tuple(f"{name}.{state}" for state in system.state_labels)
-    return Controller(name, system.A, system.B, system.C, system.D, system.ninputs != p, states, scale)
+    return Controller(name, system.A, system.B, system.C, system.D, system.ninputs != p, states, noise, bool(given.dt))
 
 
 def _in_time(
@@ -157,8 +170,8 @@ def _in_time(
     period: float | bool,
     how: Sampling,
     continuous: bool,
-) -> tuple[control.StateSpace, Array | None]:
-    """A controller with states at the samples, or in continuous time with the scale of its output."""
+) -> tuple[control.StateSpace, TrackingNoise]:
+    """A controller with states, at the samples or in continuous time, and the noise for its tracking gain."""
     if system.dt is None or system.dt is False:
         raise ValueError(
             f"{label} has states and dt = {system.dt}; say whether it is continuous (dt=0) or sampled (its period)"
@@ -167,13 +180,14 @@ def _in_time(
         raise ValueError(f"{label} is sampled (dt = {system.dt}), so its loop can't be closed in continuous time")
     if system.dt != 0:
         _check_timebase(plant, system, label, period)
-        return system, None
+        return system, tracking_noise(system.A, system.B, system.C)
     if period is True:
         raise ValueError(f"{label} is continuous, but the modes have no sampling period; give dt in seconds")
     at_samples = sampled(system, float(period), how, label)
+    noise = tracking_noise(at_samples.A, at_samples.B, at_samples.C)
     if continuous:
-        return system, output_scale(at_samples.A, at_samples.B, at_samples.C)
-    return at_samples, None
+        return system, TrackingNoise(noise.state / period, noise.output * period, False)
+    return at_samples, noise
 
 
 def _check_timebase(plant: control.StateSpace, system: control.StateSpace, label: str, period: float | bool) -> None:
@@ -222,6 +236,8 @@ def assembled(
         F[j, own, own], fed[j, own], Hz[j, :, own], read[j] = c.F, c.G, c.H, c.D
         if len(c.F) == 0:
             continue
+        if m == 1:  # it is never inactive
+            inactive[j] = "run"
         kind, matrix = inactive_behaviour(inactive[j], c.label)
         others = np.arange(m) != j
         if observer is not None and c.by_state and not (isinstance(initial[j], str) and initial[j] == "zero"):
@@ -230,7 +246,8 @@ def assembled(
             )
         start[own] = initial_map(initial[j], c.F, c.G if c.by_state else c.G @ plant.C, c.label, not continuous)
         if kind == "track":
-            L = tracking_gain(c.F, c.G, c.H, c.D, matrix, c.label, c.scale)
+            assert c.noise is not None
+            L = tracking_gain(c.F, c.H, c.noise, matrix, c.label)
             F[others, own, own], fed[others, own], Gu[others, own] = c.F - L @ c.H, c.G - L @ c.D, -L
         elif kind == "run":
             F[others, own, own], fed[others, own] = c.F, c.G

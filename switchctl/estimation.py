@@ -38,7 +38,7 @@ def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | 
             raise ValueError(f"estimator is {estimator!r}; expected 'kalman' or a gain of shape (states, outputs)")
         if (W != W[0]).any():
             raise ValueError("estimator='kalman' needs one W for all modes; give the gain where they differ")
-        if V is None or np.linalg.eigvalsh(V)[0] <= 1e-12 * np.linalg.eigvalsh(V)[-1]:
+        if V is None or not _definite(V):
             raise ValueError("estimator='kalman' needs V, the covariance of the measurement noise, positive definite")
         try:
             L = np.asarray(control.dlqe(plant.A, np.eye(plant.nstates), plant.C, W[0], V)[0], dtype=float)
@@ -50,9 +50,15 @@ def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | 
         radius = np.abs(np.linalg.eigvals(plant.A - L @ plant.C)).max()
         raise ValueError(
             f"the estimate doesn't converge: A - L C has spectral radius {radius:.6g}; the plant may have an unstable "
-            "state that its output doesn't show, or one on the unit circle that no noise moves"
+            "state that its output doesn't show, or one on the unit circle that no noise moves (give W)"
         )
     return L
+
+
+def _definite(V: Array) -> bool:
+    """Whether a covariance is positive definite, in whatever units."""
+    unit = np.sqrt(np.diag(V))
+    return bool((unit > 0).all() and np.linalg.eigvalsh(V / np.outer(unit, unit))[0] > 1e-12)
 
 
 def error_covariance(plant: control.StateSpace, L: Array, W: Array, V: Array | None) -> Array:

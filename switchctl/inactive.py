@@ -1,19 +1,20 @@
 """What a controller with a state of its own does while another one acts, and when it takes over."""
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from control import ControlDimension
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from switchctl.gramians import is_schur
+from switchctl.gramians import is_schur, tail
 from switchctl.moments import Array
 from switchctl.validation import real_array
 
 Inactive = Literal["track", "reset", "hold", "run"] | tuple[Literal["track", "reset"], Any]
 """``"track"`` or ``("track", L)``, ``"reset"`` or ``("reset", Z)``, ``"hold"``, ``"run"``: see `close_loops`."""
 KINDS = ("track", "reset", "hold", "run")
-_NOISE = 1e-2  # of the output a tracking controller sees, as a fraction of what its input's noise makes of it
+_MEMORY = 1000  # samples in which the state of a tracking controller gathers noise
+_SEEN = 1e-2  # of the noise on the output a tracking controller sees, as a fraction of what its state's makes of it
 
 
 def inactive_behaviour(value: Any, label: str) -> tuple[str, Any]:
@@ -27,45 +28,72 @@ def inactive_behaviour(value: Any, label: str) -> tuple[str, Any]:
     return kind, matrix
 
 
-def tracking_gain(F: Array, G: Array, H: Array, D: Array, gain: Any, label: str, scale: Array | None = None) -> Any:
-    """The L by which a controller follows: ``x+ = F x + G y + L (v - H x - D y)``, v the output that acts instead.
+class TrackingNoise(NamedTuple):
+    """Covariances of the noise for which a tracking gain is designed: on the controller's state and output.
 
-    By default the Kalman gain for white noise that enters the state as y does, v seen through a hundredth of the noise
-    that this makes of it. So it doesn't depend on the coordinates of x or on units, and the output follows within a
-    few samples.
+    Intensities of the noise where the controller is continuous.
+    """
+
+    state: Array
+    output: Array
+    sampled: bool = True
+
+
+def tracking_noise(F: Array, G: Array, H: Array) -> TrackingNoise:
+    """The noise for a sampled controller: what white noise on its input gathers in it in about a thousand samples.
+
+    So slow states are moved more than fast ones, which follow by themselves; and the output is seen through a hundredth
+    of what this makes of it. It changes with the coordinates of the state, and with its units, as a gain must.
+    """
+    state: Array | None = None
+    memory = float(_MEMORY)
+    while state is None and memory > 1:
+        try:
+            state = tail(np.sqrt(1 - 1 / memory) * F.T, G @ G.T / memory)
+        except np.linalg.LinAlgError:
+            pass
+        memory /= 4  # of an unstable controller for a shorter time
+    state = G @ G.T if state is None else state
+    output = H @ state @ H.T
+    variances = np.diag(output)
+    floor = 1e-9 * np.diag(np.where(variances > 0, variances, 1.0))
+    return TrackingNoise(state, _SEEN * output + floor)
+
+
+def tracking_gain(F: Array, H: Array, noise: TrackingNoise, gain: Any, label: str) -> Array:
+    """The L by which a controller follows: ``x+ = F x + G y + L (v - H x - D y)``, v the output that acts instead.
 
     Parameters
     ----------
-    F, G, H, D : arrays
-        The controller, sampled; or continuous where there is a scale.
+    F, H : arrays
+        The controller, sampled or continuous as the noise is.
+    noise : TrackingNoise
+        What the Kalman gain is computed for.
     gain : array_like, shape (states, outputs), or None
         L, where the user gives it.
     label : str
         The controller's name in messages.
-    scale : array, shape (outputs, outputs), optional
-        Of a continuous controller: what the noise makes of the output.
 
     Returns
     -------
     array, shape (states, outputs)
     """
+    L: Array | None = None
     if gain is not None:
         L = real_array(gain, f"the tracking gain of {label}", (len(F), len(H)))
     else:
-        L = None
-        noise = _NOISE * (output_scale(F, G, H) if scale is None else scale)
         try:
-            if scale is None:
-                P = solve_discrete_are(F.T, H.T, G @ G.T, noise)
-                L = np.asarray(np.linalg.solve(H @ P @ H.T + noise, H @ P @ F.T).T, dtype=float)
+            if noise.sampled:
+                P = solve_discrete_are(F.T, H.T, noise.state, noise.output)
+                L = np.asarray(np.linalg.solve(H @ P @ H.T + noise.output, H @ P @ F.T).T, dtype=float)
             else:
-                P = solve_continuous_are(F.T, H.T, G @ G.T, noise)
-                L = np.asarray(np.linalg.solve(noise, H @ P).T, dtype=float)
+                P = solve_continuous_are(F.T, H.T, noise.state, noise.output)
+                L = np.asarray(np.linalg.solve(noise.output, H @ P).T, dtype=float)
         except (ValueError, np.linalg.LinAlgError):
             pass
     if L is not None:
         eigenvalues = np.linalg.eigvals(F - L @ H)
-        if is_schur(F - L @ H) if scale is None else bool((eigenvalues.real < 0).all()):
+        if is_schur(F - L @ H) if noise.sampled else bool((eigenvalues.real < 0).all()):
             return L
     if L is None or gain is None:
         raise ValueError(
@@ -74,21 +102,12 @@ def tracking_gain(F: Array, G: Array, H: Array, D: Array, gain: Any, label: str,
         )
     told = (
         f"spectral radius {np.abs(eigenvalues).max():.6g}"
-        if scale is None
+        if noise.sampled
         else f"an eigenvalue with real part {eigenvalues.real.max():.6g}"
     )
     raise ValueError(
         f"the tracking gain leaves {label} unstable while it is inactive: F - L H has {told}; choose another gain"
     )
-
-
-def output_scale(F: Array, G: Array, H: Array) -> Array:
-    """What unit white noise on the state of a sampled controller, by its input, makes of its output."""
-    total, response = np.zeros((len(H), len(H))), G
-    for _ in range(len(F)):
-        total, response = total + H @ response @ response.T @ H.T, F @ response
-    scale = float(np.trace(total)) or 1.0
-    return total + 1e-6 * scale * np.eye(len(total))
 
 
 def reset_map(value: Any, states: int, plant_states: int, label: str) -> Array:

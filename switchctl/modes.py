@@ -67,6 +67,14 @@ class Mode:
         return control.ss(self.A, no_input, np.eye(n), no_input, self.dt, name=self.name, states=list(self.states))
 
 
+_VERDICTS = {
+    "yes": "",
+    "no": "  not Schur",
+    "where seen": "  Schur where the cost sees it",
+    "undecided": "  Schur undecided",
+}
+
+
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class ModeSet:
     """The modes of a switched system ``x(k+1) = A_i x(k)``, with what a sample in each of them costs.
@@ -273,7 +281,9 @@ class ModeSet:
 
     def _verdict(self, i: int) -> str:
         try:
-            return "yes" if is_schur(self.A[i]) else "no"
+            if is_schur(self.A[i]):
+                return "yes"
+            return "no" if self.tails[i] is None else "where seen"
         except np.linalg.LinAlgError:
             return "undecided"
 
@@ -331,7 +341,7 @@ class ModeSet:
         lines = [self._heading()]
         for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True)):
             branch = "└──" if i == len(self) - 1 else "├──"
-            verdict = {"yes": "", "no": "  not Schur", "undecided": "  Schur undecided"}[self._verdict(i)]
+            verdict = _VERDICTS[self._verdict(i)]
             lines.append(f"{branch} {i}  {name:<{width}}  spectral radius {radius:.6g}{verdict}")
         return "\n".join(lines)
 

@@ -35,6 +35,18 @@ def factors_along(modes: ModeSet, before: Iterable[int], sequence: Iterable[int]
         yield F
 
 
+def overflow(modes: ModeSet, F: Array, k: int) -> str:
+    """Say which states have become too great after a step."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        great = np.flatnonzero(~np.isfinite(np.sum(F**2, axis=1)))
+    if len(great) and great[0] >= modes.plant_states:
+        return (
+            f"a controller's state, {modes.states[great[0]]!r}, exceeds the floating-point range after step {k}: it "
+            "grows while another controller acts; choose inactive='track' or 'reset' for it"
+        )
+    return f"W2 exceeds the floating-point range after step {k}; use a method that keeps the state bounded"
+
+
 def predicted(
     modes: ModeSet, before: Indices, sequence: Indices, F: Array, target: Gaussian | None
 ) -> tuple[Array, Array, Gaussian]:
@@ -61,13 +73,12 @@ def predicted(
     with np.errstate(over="ignore", invalid="ignore"):
         for k, F in enumerate(factors_along(modes, before, sequence, F)):  # noqa: B020
             w2[k] = np.vdot(F, F) if k == len(stage) else np.sum(F[:plant] ** 2)
+            if not np.isfinite(F).all() or not np.isfinite(w2[k]):
+                raise FloatingPointError(overflow(modes, F, k - 1))
             if k < len(stage):
                 stage[k] = np.vdot(F, Q[before[k], sequence[k]] @ F)
                 if target is not None:
                     kept.append(F)
-        left = np.flatnonzero(~np.isfinite(w2))
-    if len(left):
-        raise FloatingPointError(f"W2 exceeds the floating-point range after step {left[0] - 1}")
     w2 = w2[:-1]
     if target is not None:
         w2 = stage = squared_distances(modes, np.array(kept), target)

@@ -217,7 +217,8 @@ class Schedule:
         graph, modes, (w2, stage, final), before = self.graph, self.modes, self._run, self._before
         weight = modes.discount ** np.arange(len(self))
         switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
-        each = modes.dk * (stage + modes.offset[self.sequence]), switching, modes.dk * graph.price[self.sequence]
+        paid = stage if self.target is not None else stage + modes.offset[self.sequence]
+        each = modes.dk * paid, switching, modes.dk * graph.price[self.sequence]
         steps = CostParts(*(float(weight @ part) for part in each))
         last = modes.discount ** len(self)
         if self.target is not None:

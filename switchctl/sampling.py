@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from switchctl.moments import Array
-from switchctl.validation import real_array, sampling_period
+from switchctl.validation import number, real_array, sampling_period
 
 Sampling = str | tuple[str, float]
 """A method of `control.sample_system`, or a method and the frequency in rad/s at which it is to be exact."""
@@ -101,9 +101,23 @@ def common_period(plant: control.StateSpace, dt: Any, controllers: list[Any], de
     raise ValueError(f"dt is {given} s, but the plant is sampled with dt = {own} s; expected the same, or no dt")
 
 
+def sampling_method(how: Any) -> Sampling:
+    """Check how a controller is to be sampled."""
+    if isinstance(how, str):
+        return how
+    if isinstance(how, tuple) and len(how) == 2 and isinstance(how[0], str):
+        return how[0], number(how[1], "the frequency in sampling")
+    raise TypeError(f"sampling is {how!r}; expected a method such as 'tustin', or ('tustin', frequency in rad/s)")
+
+
 def sampled(system: control.StateSpace, period: float, how: Sampling, name: str) -> control.StateSpace:
     """A continuous system at the samples."""
     method, prewarp = (how, None) if isinstance(how, str) else how
+    if prewarp is not None and not (method in ("tustin", "bilinear") and 0 < prewarp < np.pi / period):
+        raise ValueError(
+            f"{name} can't be sampled by {how!r} with dt = {period} s; a frequency at which sampling is exact is for "
+            f"'tustin' and below pi / dt = {np.pi / period:.6g} rad/s"
+        )
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             found = control.sample_system(system, period, method=method, prewarp_frequency=prewarp)

@@ -88,6 +88,11 @@ def schedule(
     graph, M = graph_under(modes, rules), None
     if target is not None:
         _check_target(modes, method, target, steps, terminal)
+    elif modes.cost == "average" and steps is None:
+        raise ValueError(
+            "with cost='average' a run doesn't come to an end by itself; say how many steps to list, steps=N: enough "
+            "for its end to repeat a word of modes, whose average is the cost"
+        )
     elif terminal is None:
         require_criterion(modes)
     else:
@@ -97,6 +102,8 @@ def schedule(
     scheduler.target = target
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
     lead, word = scheduler.tail(F @ F.T) if M is None and target is None else ((), ())
+    if modes.cost == "average" and (repeated := _period(sequence)):
+        lead, word = (), repeated
     return Schedule(
         modes,
         x0,
@@ -114,6 +121,15 @@ def schedule(
     )
 
 
+def _period(sequence: list[int]) -> tuple[int, ...]:
+    """The word that the end of a sequence repeats, for half of it at least; none if there is none."""
+    late = np.array(sequence[len(sequence) // 2 :])
+    for period in range(1, len(late) // 3 + 1):
+        if (late[period:] == late[:-period]).all():
+            return tuple(late[-period:].tolist())
+    return ()
+
+
 def _check_target(modes: ModeSet, method: Method, target: Any, steps: int | None, terminal: Any) -> None:
     if not isinstance(target, Gaussian):
         raise TypeError(f"target must be a Gaussian, not a {type(target).__name__}; for a point, x0.about(point)")
@@ -126,8 +142,11 @@ def _check_target(modes: ModeSet, method: Method, target: Any, steps: int | None
         raise ControlDimension(
             f"target has a mean of shape {target.mean.shape}; the plant has {modes.plant_states} states"
         )
-    if steps is None or terminal is not None or modes.cost == "average":
-        raise ValueError("a target is for a run of so many steps, without a terminal weight and not for an average")
+    if steps is None:
+        raise ValueError("target is for a run that ends; say when, steps=N")
+    if terminal is not None or modes.cost == "average":
+        what = "a terminal weight" if terminal is not None else "cost='average'"
+        raise ValueError(f"target takes the place of the cost at the end, so it doesn't go with {what}")
 
 
 def _terminal(modes: ModeSet, value: Any, steps: int | None) -> Array:

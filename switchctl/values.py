@@ -129,7 +129,8 @@ def require_criterion(modes: ModeSet) -> None:
     if modes.noisy and modes.cost == "total":
         raise ValueError(
             "with noise the total cost for ever is infinite; say which cost is meant: cost=('discounted', 0.99) or "
-            "cost='average' in close_loops or ModeSet, or a run that ends, schedule(.., steps=N, terminal=M)"
+            "cost='average' in close_loops or ModeSet; or a run that ends, schedule(.., steps=N, terminal=M), by "
+            "RecedingHorizon, PointwiseMinimum, or Refine of one of these"
         )
 
 
@@ -138,7 +139,7 @@ def require_plain_total(modes: ModeSet, what: str) -> None:
     if modes.noisy or modes.offset.any() or modes.cost != "total":
         raise ValueError(
             f"{what} is for total costs without noise, and these modes have "
-            f"{'noise' if modes.noisy or modes.offset.any() else f'cost={modes.cost!r}'}; "
+            f"{'noise' if modes.noisy else 'an offset' if modes.offset.any() else f'cost={modes.cost!r}'}; "
             "use Rollout, Refine, FewSwitches or RecedingHorizon"
         )
 

@@ -153,6 +153,8 @@ def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time
     require_plain_total(schedule.modes, "a certificate")
     if schedule.modes.activation is not None:
         raise ValueError("a certificate is for modes whose switches leave the state as it is (no ModeSet.activation)")
+    if schedule.target is not None:
+        raise ValueError("a certificate is of total costs, and this schedule's is a distance to a target")
     if not np.isfinite(schedule.cost):
         raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
     writer = _Writer(schedule)

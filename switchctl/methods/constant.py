@@ -121,6 +121,10 @@ def best_single_mode(modes: ModeSet, x0: Gaussian) -> Mode:
     x0 = initial_state(modes, x0)
     require_schur(modes, "the best single mode")
     costs = single_mode_costs(modes, x0)
+    if not np.isfinite(costs).any():
+        raise ValueError(
+            "no mode costs finitely much for ever: each pays an offset at every step; see ModeSet(cost=..)"
+        )
     return modes[least_cost(costs, np.isfinite(costs))]
 
 

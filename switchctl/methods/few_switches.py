@@ -19,7 +19,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.optimum.minorants import lower_bounds
 from switchctl.validation import whole_number
-from switchctl.values import Value, refuse_average, word_value
+from switchctl.values import Value, refuse_average, require_criterion, word_value
 
 _CHUNK = 256
 _NEGLIGIBLE = 1e-13
@@ -69,6 +69,7 @@ class FewSwitches(Method):
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
         refuse_average(graph.modes, "FewSwitches")
+        require_criterion(graph.modes)
         return _FewSwitchesScheduler(graph, self.max_switches)
 
 
@@ -111,7 +112,9 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
 
     def search(self, S: Array) -> Plan:
         if self.terminal is not None:
-            raise ValueError("FewSwitches plans a run that goes on for ever; for one that ends use Optimal or Refine")
+            raise ValueError(
+                "FewSwitches plans a run that goes on for ever; for one that ends use Optimal, or Refine(RecedingHorizon(..))"
+            )
         self.best, self.compared = np.inf, 0
         self.blocks: list[tuple[int, int]] = []  # modes and steps, the last one for ever
         graph, s, before = self.graph, self.moment(S), self.graph.start_mode

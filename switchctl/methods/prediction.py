@@ -8,6 +8,7 @@ from tqdm import tqdm
 
 from switchctl.methods.base import Scheduler
 from switchctl.moments import Array, stepped
+from switchctl.predicted import overflow
 
 CONVERGED = 1e-12
 """Without a number of steps, a prediction ends when W2 has fallen to this fraction of its start .."""
@@ -52,7 +53,10 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     lengthened: list[tuple[int, int]] = []
     modes, before = scheduler.modes, scheduler.graph.last_mode[0]
     plant, noise, weight = modes.plant_states, modes.noise_roots, 1.0
-    first, start = F, np.sum(F[:plant] ** 2)
+    first, start = F, np.sum(F[:plant] ** 2) + np.sum(modes.distance * modes.W.max(axis=0))
+    # W2 of the plant alone may pass through zero while controllers' states are not; then it must stay there.
+    settling = 0 if plant == len(F) else 2 * len(F)
+    small = 0
     status = "number of steps reached" if steps is not None else "ceiling of steps reached"
     try:
         for k in _counted(CEILING if steps is None else steps):
@@ -63,19 +67,18 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore", invalid="ignore"):
                 F = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode])
                 w2, before = np.sum(F[:plant] ** 2), mode
-            if not np.isfinite(w2):
-                raise ValueError(
-                    f"W2 exceeds the floating-point range after step {k}; ask for at most {k} steps, or use a method "
-                    "that keeps the state bounded"
-                )
+            if not np.isfinite(F).all() or not np.isfinite(w2):
+                raise ValueError(overflow(modes, F, k) + f"; ask for at most {k} steps")
             weight *= modes.discount
-            if steps is None and (w2 <= CONVERGED * start or weight <= CONVERGED):
-                status = "converged" if w2 <= CONVERGED * start else "discounted to nothing"
+            start = max(start, w2) if k < settling else start
+            small = small + 1 if w2 <= CONVERGED * start else 0
+            if steps is None and (small > settling or weight <= CONVERGED):
+                status = "converged" if small > settling else "discounted to nothing"
                 break
-            if steps is None and w2 * CONVERGED >= start:
+            if steps is None and k >= settling and w2 * CONVERGED >= start:
                 status = "diverged"
                 break
     except KeyboardInterrupt:

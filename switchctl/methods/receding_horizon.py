@@ -198,9 +198,13 @@ class _RecedingHorizonScheduler(Scheduler):
             held = (
                 self.after_hold[mode] if hold == self.method.hold else np.linalg.matrix_power(self.modes.A[mode], hold)
             )
+            before = self.graph.last_mode[self.node]
+            if self.modes.activation is not None and before >= 0:
+                held = held @ self.modes.activation[before, mode]
             self.last_w2, self.growth = w2, float(np.linalg.norm(held, 2)) ** 2 * (1 + 1e-9)
-            if not self.counts_all:  # states that W2 doesn't count may have made any of it
-                self.growth = math.inf
+            if not self.counts_all:  # states that W2 doesn't count have their part: four times as much is a disturbance
+                expected = float(np.sum(self.modes.distance * (held @ S @ held.T)))
+                self.growth = 4 * expected / w2 if w2 > 0 else math.inf
             self.lengthened = hold - self.method.hold
             self.plan = [mode] * hold
         self.j += 1

@@ -10,6 +10,7 @@ from switchctl.methods.base import InfiniteCostError, Method, Scheduler, least_c
 from switchctl.methods.constant import require_schur
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
+from switchctl.values import require_criterion
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,6 +38,7 @@ class Rollout(Method):
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
+        require_criterion(graph.modes)
         if graph.free:
             require_schur(graph.modes, "Rollout")
         return _RolloutScheduler(graph)

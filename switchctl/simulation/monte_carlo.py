@@ -172,7 +172,7 @@ def _spread(task: Callable[..., _Block], draw: _Draws, executor: Any) -> Iterato
     """Runs of a plant, task by task, here or wherever the executor has them run."""
     if executor is None:
         return (task(begin, start) for begin, start in draw.blocks(_RUNS))
-    if not hasattr(executor, "map"):
+    if isinstance(executor, type) or not hasattr(executor, "map"):
         raise TypeError(f"executor must be a concurrent.futures.Executor, not a {type(executor).__name__}")
     begins, starts = zip(*draw.blocks(_RUNS), strict=True)
     return iter(executor.map(task, begins, starts))
@@ -274,6 +274,8 @@ def _labelled(schedules: Any) -> dict[str, Schedule]:
         if not isinstance(label, str) or not isinstance(schedule, Schedule):
             raise TypeError(f"schedules[{label!r}] is a {type(schedule).__name__}; expected Schedules by their labels")
         first = first or schedule
+        if schedule.target is not None:
+            raise ValueError(f"schedules[{label!r}] has a target, and what is drawn is the distance to the origin")
         if schedule.modes is not first.modes:
             raise ValueError(f"schedules[{label!r}] is of other modes than the first; run them one by one")
         same = (schedule.x0.mean == first.x0.mean).all() and (schedule.x0.cov == first.x0.cov).all()

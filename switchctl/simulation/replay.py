@@ -11,9 +11,10 @@ def lasting(schedule: Schedule, steps: int) -> Schedule:
     extra = steps - len(schedule)
     if extra <= 0:
         return schedule
-    if schedule.terminal is not None:
+    if not schedule.tail:
         raise ValueError(
-            f"steps is {steps}, and the schedule ends after {len(schedule)}: it has a terminal weight and no tail"
+            f"steps is {steps}, and the schedule ends after {len(schedule)}: it has a terminal weight or a target, and "
+            "no tail"
         )
     lead, tail = schedule.lead, schedule.tail
     more = islice(chain(lead, cycle(tail)), extra)

@@ -224,7 +224,8 @@ class _Record:
 def digital(modes: Any) -> ClosedLoops:
     """Loops with controllers that run at the samples."""
     if not isinstance(modes, ClosedLoops):
-        what = "a plain ModeSet knows no plant and no controllers" if isinstance(modes, ModeSet) else ""
+        what = "a plain ModeSet, as of a schedule read from a file, knows no plant and no controllers"
+        what = what if isinstance(modes, ModeSet) else ""
         raise TypeError(
             f"modes must be what close_loops returns, not a {type(modes).__name__}" + (f": {what}" if what else "")
         )
