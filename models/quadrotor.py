@@ -7,6 +7,8 @@ searched for until they showed the paper's picture (the aggressive controller ra
 not, the best single switch comes near k = 50), so the example is reproduced in kind, not to the digit.
 """
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any, Literal
 
 import control
@@ -76,36 +78,52 @@ def _dynamics(t: float, x: Array, u: Array, parameters: dict[str, float]) -> Arr
     return np.concatenate([attitude, rates])
 
 
-def nonlinear_plant() -> control.NonlinearIOSystem:
-    """Return the nonlinear equations, inputs the body moments, outputs the states.
+def _output(measured: list[int], t: float, x: Array, u: Array, parameters: dict[str, float]) -> Array:
+    """Return some of the states."""
+    return np.asarray(x)[measured]
+
+
+def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSystem:
+    """Return the nonlinear equations, inputs the body moments.
+
+    Parameters
+    ----------
+    measured : sequence of str, optional
+        The states that are outputs, in this order; all by default, `STATES[:3]` for `compensator`.
 
     Returns
     -------
     control.NonlinearIOSystem
+
+    Examples
+    --------
+    >>> from switchctl.models import quadrotor
+    >>> quadrotor.nonlinear_plant(["phi", "psi"]).output(0, [1, 2, 3, 4, 5, 6], [0, 0, 0]).tolist()
+    [1.0, 3.0]
     """
     return control.nlsys(
         _dynamics,
-        None,
+        partial(_output, [STATES.index(state) for state in measured]),
         inputs=["tau_phi", "tau_theta", "tau_psi"],
         states=STATES,
-        outputs=STATES,
+        outputs=list(measured),
         name="quadrotor",
     )
 
 
-def plant() -> control.StateSpace:
-    """Linearise the nonlinear equations about hover."""
-    linear = nonlinear_plant().linearize(np.zeros(6), np.zeros(3), eps=1e-6)
+def plant(measured: Sequence[str] = STATES) -> control.StateSpace:
+    """Linearise the nonlinear equations about hover; ``measured`` as for `nonlinear_plant`."""
+    linear = nonlinear_plant(measured).linearize(np.zeros(6), np.zeros(3), eps=1e-6)
     # About hover each axis is a double integrator; the difference quotients leave noise in the zeros.
     A, B = np.round(linear.A, 6), np.where(np.abs(linear.B) < 1e-6 * np.abs(linear.B).max(), 0, linear.B)
     return control.ss(
         A,
         B,
-        np.eye(6),
-        np.zeros((6, 3)),
+        np.eye(6)[[STATES.index(state) for state in measured]],
+        0,
         name="quadrotor",
         states=STATES,
-        outputs=STATES,
+        outputs=list(measured),
         inputs=["tau_phi", "tau_theta", "tau_psi"],
     )
 
@@ -200,19 +218,8 @@ def dynamic_modes(
     ModeSet
         Of twelve states, the vehicle's and the compensator's; W2 and the cost count the vehicle's.
     """
-    vehicle = plant()
-    angles = control.ss(
-        vehicle.A,
-        vehicle.B,
-        np.eye(6)[:3],
-        0,
-        name="quadrotor",
-        states=STATES,
-        outputs=STATES[:3],
-        inputs=vehicle.input_labels,
-    )
     return close_loops(
-        angles,
+        plant(STATES[:3]),
         {"high": high_gain(), "low": compensator()},
         dt=DT,
         discretize=discretize,
