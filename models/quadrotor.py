@@ -39,20 +39,21 @@ def rotor_speeds(moments: Array, parameters: dict[str, float] = PARAMETERS) -> A
 
     Parameters
     ----------
-    moments : array, shape (3,)
+    moments : array, shape (3,) or (3, N)
         Roll, pitch and yaw moment in N m.
     parameters : dict, optional
         The constants in `PARAMETERS`.
 
     Returns
     -------
-    array, shape (4,)
+    array, shape (4,) or (4, N)
         Speeds of the four rotors in rad/s.
     """
-    b, d, lever = parameters["b"], parameters["d"], parameters["l"]
-    mixing = np.array([[b, b, b, b], [0, -b * lever, 0, b * lever], [b * lever, 0, -b * lever, 0], [-d, d, -d, d]])
-    thrust = parameters["m"] * parameters["g"]
-    return np.sqrt(np.maximum(np.linalg.solve(mixing, [thrust, *moments]), 0.0))
+    b, d, arm = parameters["b"], parameters["d"], 2 * parameters["b"] * parameters["l"]
+    hover = parameters["m"] * parameters["g"] / (4 * b)
+    roll, pitch, yaw = moments[0] / arm, moments[1] / arm, moments[2] / (4 * d)
+    squares = [hover + pitch - yaw, hover - roll + yaw, hover - pitch - yaw, hover + roll + yaw]
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def _dynamics(t: float, x: Array, u: Array, parameters: dict[str, float]) -> Array:
@@ -98,8 +99,8 @@ def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSyst
     Examples
     --------
     >>> from switchctl.models import quadrotor
-    >>> quadrotor.nonlinear_plant(["phi", "psi"]).output(0, [1, 2, 3, 4, 5, 6], [0, 0, 0]).tolist()
-    [1.0, 3.0]
+    >>> quadrotor.nonlinear_plant(["phi", "psi"]).output(0, [0.1, 0.2, 0.3, 0.0, 0.0, 0.0], np.zeros(3)).tolist()
+    [0.1, 0.3]
     """
     return control.nlsys(
         _dynamics,
