@@ -346,7 +346,7 @@ def test_every_method_takes_a_terminal_weight(pair, x0):
         assert len(found) == 12 and found.tail == ()
         assert found.cost == pytest.approx(found.w2.sum() + 3 * found.final.w2())
         assert found.cost >= best.lower_bound
-    with pytest.raises(ValueError, match="goes on for ever"):
+    with pytest.raises(ValueError, match="a run for ever"):
         schedule(pair, x0, FewSwitches(1), 12, terminal=np.eye(2))
 
 

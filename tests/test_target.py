@@ -102,7 +102,7 @@ MODES, X0, TARGET = case(1)[1:]
         (RecedingHorizon(2, decrease=0.1), {"target": TARGET}, ValueError, "decrease"),
         (RecedingHorizon(2), {"target": [0.0, 0.0]}, TypeError, r"x0.about\(point\)"),
         (RecedingHorizon(2), {"target": Gaussian([0.0], [[1.0]])}, ValueError, r"shape \(1,\)"),
-        (RecedingHorizon(2), {"target": TARGET, "steps": None}, ValueError, "so many steps"),
+        (RecedingHorizon(2), {"target": TARGET, "steps": None}, ValueError, "say when, steps=N"),
         (RecedingHorizon(2), {"target": TARGET, "terminal": np.eye(2)}, ValueError, "terminal"),
     ],
 )

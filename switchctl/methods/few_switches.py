@@ -113,7 +113,7 @@ class _FewSwitchesScheduler(StepCosts, PlanningScheduler):
     def search(self, S: Array) -> Plan:
         if self.terminal is not None:
             raise ValueError(
-                "FewSwitches plans a run that goes on for ever; for one that ends use Optimal, or Refine(RecedingHorizon(..))"
+                "FewSwitches plans a run for ever; for one that ends use Optimal, or Refine(RecedingHorizon(..))"
             )
         self.best, self.compared = np.inf, 0
         self.blocks: list[tuple[int, int]] = []  # modes and steps, the last one for ever

@@ -129,6 +129,7 @@ def simulate(
     held = Plant(plant, loops, domain, rtol, atol)
     q, p = held.system.ninputs, held.system.noutputs
     reference = _operating_point(operating_point, loops.plant_states, q, steps)
+    _check_operating_point(held, reference, limits(saturation, q), operating_point is not None)
     if not isinstance(delay, bool):
         raise TypeError(f"delay must be True or False, not {delay!r}")
     root = noise_root(loops.measurement_noise if noise is None else noise, loops)
@@ -219,6 +220,24 @@ class _Record:
                 "title": f"{plant.system.name} under switched controllers",
             },
         )
+
+
+def _check_operating_point(plant: Plant, reference: OperatingPoint, low_high: Any, given: bool) -> None:
+    """Refuse one that no controller can hold: its input out of reach, or not an equilibrium."""
+    (low, high), (x_e, u_e) = low_high, reference.at(0)
+    if reference.inputs.ndim == 1 and not ((low <= u_e) & (u_e <= high)).all():
+        raise ValueError(
+            f"saturation is ({low.tolist()}, {high.tolist()}), and the input at the operating point, {u_e.tolist()}, "
+            "is beyond it"
+        )
+    if given and reference.states.ndim == 1 and reference.inputs.ndim == 1:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            moved = float(np.linalg.norm(plant.advance(0.0, x_e, u_e) - x_e))
+        if not moved <= 1e-3 * max(1.0, float(np.linalg.norm(x_e))):
+            raise ValueError(
+                f"operating_point is no equilibrium: in one period the state moves by {moved:.3g} from it; "
+                "control.find_operating_point finds one"
+            )
 
 
 def digital(modes: Any) -> ClosedLoops:
