@@ -56,8 +56,7 @@ def simulate(
     ``zeta+ = updated_i(zeta, x - x_e, y + v - y_e, u - u_e)``,
 
     so that controllers which track the one that acts follow what the actuator can do of it. The controllers are not
-    told of a delay: zeta+ takes the u of this sample, the plant that of the sample before (at first u_e). The process
-    noise that the modes know, if any, is added to the plant's state at the samples.
+    told of a delay: zeta+ takes the u of this sample, the plant that of the sample before (at first u_e).
 
     Parameters
     ----------
@@ -80,9 +79,10 @@ def simulate(
         The least and the greatest input, numbers or arrays of shape (q,); infinite where there is no limit.
     delay : bool, optional
         Whether the input computed at a sample acts one sample later.
-    noise : array_like, shape (p, p), optional
-        Covariance of white noise on what the controllers measure of the plant's output; by default that of the modes.
-        (Without an estimator, a controller fed by the state and the method see the state itself.)
+    noise : array_like, shape (p, p), or False, optional
+        Covariance of white noise on what the controllers measure of the plant's output. By default the noise that the
+        modes know: on the output, and on the plant's state at the samples; False for none at all. (Without an
+        estimator, a controller fed by the state and the method see the state itself.)
     operating_point : (array_like, array_like), optional
         State and input that the loops were linearised about, as `control.find_operating_point` returns them; the origin
         by default. Shapes (n,) and (q,), or (n, steps + 1) and (q, steps) for a trajectory to be followed.
@@ -132,8 +132,9 @@ def simulate(
     _check_operating_point(held, reference, limits(saturation, q), operating_point is not None)
     if not isinstance(delay, bool):
         raise TypeError(f"delay must be True or False, not {delay!r}")
-    root = noise_root(loops.measurement_noise if noise is None else noise, loops)
-    disturbed = None if loops.process_noise is None else [factor(W) for W in loops.process_noise]
+    own = noise is None
+    root = noise_root(loops.measurement_noise if own else None if noise is False else noise, loops)
+    disturbed = [factor(W) for W in loops.process_noise] if own and loops.process_noise is not None else None
     x, zeta = start(x0, loops, reference.at(0)[0], random)
     computer = Computer(
         held,
