@@ -72,8 +72,8 @@ def predicted(
     w2, stage = np.empty(len(sequence) + 1), np.empty(len(sequence))
     with np.errstate(over="ignore", invalid="ignore"):
         for k, F in enumerate(factors_along(modes, before, sequence, F)):  # noqa: B020
-            w2[k] = np.vdot(F, F) if k == len(stage) else np.sum(F[:plant] ** 2)
-            if not np.isfinite(F).all() or not np.isfinite(w2[k]):
+            w2[k] = np.vdot(F, F) if k == len(stage) else np.vdot(F[:plant], F[:plant])
+            if not np.isfinite(w2[k]) or (plant < len(F) and not np.isfinite(F).all()):
                 raise FloatingPointError(overflow(modes, F, k - 1))
             if k < len(stage):
                 stage[k] = np.vdot(F, Q[before[k], sequence[k]] @ F)

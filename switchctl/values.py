@@ -76,7 +76,10 @@ def repeated(modes: ModeSet, word: tuple[int, ...], Q: Array, r: Array, first: t
     """
     g, here, before = modes.discount, np.array(word), np.array([word[-1], *word[:-1]])
     A, W, p = modes.A_after[before, here], modes.W[here], len(word)
-    P = word_tail(np.sqrt(g) * A, Q, tuple(range(p))) if Q.any() else np.zeros_like(Q[0])
+    if p == 1 and np.array_equal(Q[0], modes.Q[word[0]]):
+        P = modes.tails[word[0]]  # already solved for
+    else:
+        P = word_tail(np.sqrt(g) * A, Q, tuple(range(p))) if Q.any() else np.zeros_like(Q[0])
     if P is None:
         return None
     ahead = [P]  # the matrices after each step, from the last one on

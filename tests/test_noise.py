@@ -202,9 +202,9 @@ def test_few_switches_and_refine_under_noise_and_discount():
         best = schedule(modes, x0, FewSwitches(2), 1, graph)
         least = np.inf
         for first in range(2):
-            for a in range(1, 30):
-                for b in range(a, 30):
-                    run = [first] * a + [1 - first] * (b - a) + [first] * (30 - b) if b > a else [first] * 30
+            for a in range(1, 16):
+                for b in range(a, 16):
+                    run = [first] * a + [1 - first] * (b - a) + [first] * (16 - b) if b > a else [first] * 16
                     try:
                         least = min(least, Schedule(modes, x0, run, graph=graph).cost)
                         least = min(least, Schedule(modes, x0, run[:b], graph=graph).cost) if b > a else least

@@ -78,11 +78,9 @@ class StepCosts:
             return s
         return _row_by_row(before, s, lambda j, rows: rows if j < 0 else rows @ maps[j, mode].T)
 
-    def arrivals(self, before: int, s: Array) -> Array:
-        """The vector after a switch to each mode, shape (m, d + 1)."""
-        if self._activation is None or before < 0:
-            return np.broadcast_to(s, (len(self.maps), len(s)))
-        return self._activation[before] @ s
+    def arrivals(self, before: int, s: Array) -> Array | None:
+        """The vector after a switch to each mode, shape (m, d + 1); None where switches leave it as it is."""
+        return None if self._activation is None or before < 0 else self._activation[before] @ s
 
     def enter(self, mode: int, after: int | NDArray[np.intp], P: Array) -> Array:
         """Rows for what begins with a switch, from rows for what follows; ``after`` and ``P`` may have a row each."""

@@ -69,8 +69,8 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             sequence.append(mode)
             with np.errstate(over="ignore", invalid="ignore"):
                 F = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode])
-                w2, before = np.sum(F[:plant] ** 2), mode
-            if not np.isfinite(F).all() or not np.isfinite(w2):
+                w2, before = np.vdot(F[:plant], F[:plant]), mode
+            if not np.isfinite(w2) or (settling and not np.isfinite(F).all()):
                 raise ValueError(overflow(modes, F, k) + f"; ask for at most {k} steps")
             weight *= modes.discount
             start = max(start, w2) if k < settling else start

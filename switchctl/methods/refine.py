@@ -232,12 +232,18 @@ class LocalSearch(StepCosts):
         node, before, s = 0, graph.last_mode[0], run.moments[0]
         for k, present in enumerate(run.path.tolist()):
             arrived = self.arrivals(before, s)
-            costs = np.einsum("ij,ij->i", table[k], arrived) + self.switch(before, slice(None), s)
+            ahead = table[k] @ s if arrived is None else np.einsum("ij,ij->i", table[k], arrived)
+            costs = ahead + self.switch(before, slice(None), s)
             heads = graph.successor[node]
             costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
             best = int(costs.argmin())
             mode = best if costs[best] < costs[present] * (1 - TIE) else present
-            chosen[k], node, before, s = mode, int(heads[mode]), mode, self.maps[mode] @ arrived[mode]
+            chosen[k], node, before, s = (
+                mode,
+                int(heads[mode]),
+                mode,
+                self.maps[mode] @ (s if arrived is None else arrived[mode]),
+            )
         return chosen
 
     def _move(self, run: _Run, rest: _Suffixes) -> NDArray[np.intp]:

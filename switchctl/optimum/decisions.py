@@ -95,12 +95,16 @@ class Decisions:
         """Undo `scaled_cost`."""
         return P * np.outer(self.scale, self.scale)
 
-    def step_cost(self, before: int, mode: int) -> tuple[Array, float]:
-        """What a step in a mode costs after another: the weight of the scaled state, and the constant, per dk."""
-        graph, dk = self.graph, self.graph.modes.dk
+    def step_weight(self, before: int, mode: int) -> Array:
+        """What a step in a mode costs after another, as a weight of the scaled state, per dk."""
+        graph = self.graph
         weight = self.scaled_cost(graph.modes.Q_after[before, mode])
-        Q = weight + graph.switch_cost_per_w2[before, mode] / dk * self.distance
-        return Q, float(graph.price[mode] + graph.switch_cost[before, mode] / dk)
+        return weight + graph.switch_cost_per_w2[before, mode] / graph.modes.dk * self.distance
+
+    def step_constant(self, before: int, mode: int) -> float:
+        """What it costs besides."""
+        graph = self.graph
+        return float(graph.price[mode] + graph.switch_cost[before, mode] / graph.modes.dk)
 
     def ended(self, u: int) -> bool:
         """Whether a run ends there."""
@@ -130,7 +134,7 @@ class Decisions:
         while not word or (len(word) < _LONGEST and k + len(word) != self.steps and self._goes_on(v)):
             mode = int(graph.successor[v].argmax()) if word else mode
             last = int(graph.last_mode[v])
-            paid.append(paid[-1] + self.step_cost(last, mode)[1])
+            paid.append(paid[-1] + self.step_constant(last, mode))
             v = int(graph.successor[v, mode])
             word.append(mode)
             nodes.append(v)
@@ -164,7 +168,7 @@ class Decisions:
             product = A.astype(long) @ power
             if length > 0 and not np.linalg.norm(errors) <= _ACCURATE * float(np.linalg.norm(product)):
                 break
-            Q, _ = self.step_cost(last, mode)
+            Q = self.step_weight(last, mode)
             weight = np.abs(Q)
             cost_wrong += size.T @ weight @ (2 * wrong + unit * size) + wrong.T @ weight @ wrong
             cost = cost + power.T @ Q.astype(long) @ power

@@ -181,9 +181,9 @@ class UpperBounds:
             steps.append((at, node, taken))
         for at, node, taken in reversed(steps):
             before = int(graph.last_mode[node])
-            Q, constant = decisions.step_cost(before, taken)
             A = decisions.scaled_step(graph.modes.A_after[before, taken])
-            value = self._held[at, node, mode] = Q + transform(A, value[0]), constant + value[1]
+            P = decisions.step_weight(before, taken) + transform(A, value[0])
+            value = self._held[at, node, mode] = P, decisions.step_constant(before, taken) + value[1]
         return value
 
     def useful(self, u: int, s: Array) -> Ends:

@@ -141,6 +141,7 @@ def fitting(system: Any, modes: ClosedLoops) -> Any:
         raise control.ControlDimension(
             "plant has {} states, {} inputs and {} outputs; ".format(*map(str, own))
             + "the loops were closed with one of {}, {} and {}".format(*wanted)
+            + f" (outputs {', '.join(linear.output_labels)})"
         )
     if system.dt is None or system.dt is False:
         raise ValueError(f"plant.dt is {system.dt}; say whether it is continuous (dt=0) or sampled (its period)")
