@@ -40,7 +40,7 @@ from switchctl import (
 )
 from switchctl.optimum.minorants import lower_bounds
 
-INSTANCES = 500  # of each kind of rule
+INSTANCES = 300  # of each kind of rule
 REFINED = 1400  # in all; some rules leave no way on
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 
