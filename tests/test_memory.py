@@ -175,3 +175,18 @@ def test_a_scheduler_of_ones_own_must_say_what_it_remembers(pair):
 
     assert not Telling(pair[0]).memory.any()
     assert len(Rollout().start(pair[0]).memory) == 2
+
+
+def test_what_counts_as_a_disturbance_is_remembered_where_w2_leaves_states_out():
+    method, compared = RecedingHorizon(4, hold=2, decrease=0.3), 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        modes = ModeSet(random_modes(rng, 3, 2, (0.4, 0.9)), plant_states=1)
+        kept, restored = method.start(modes), method.start(modes)
+        for mean, cov in moments(rng, random_gaussian(rng, 3)):
+            restored.memory = kept.memory
+            assert restored.step(mean, cov) == kept.step(mean, cov)
+            assert restored.lengthened == kept.lengthened
+            np.testing.assert_array_equal(restored.memory, kept.memory)
+            compared += kept.lengthened > 0
+    assert compared > 20

@@ -155,7 +155,7 @@ class _RecedingHorizonScheduler(Scheduler):
         if self.method.decrease is None:
             coming = [mode + 1 for mode in self.plan]
             return (self.j, *coming, *[0] * (self.method.hold - 1 - len(coming)))
-        return self.j, len(self.plan), self.last_w2, self.growth if self.counts_all else 0.0
+        return self.j, len(self.plan), self.last_w2, self.growth
 
     def recall(self, values: Sequence[float]) -> None:
         self.j = int(values[0])
@@ -163,7 +163,7 @@ class _RecedingHorizonScheduler(Scheduler):
             self.plan = [int(mode) - 1 for mode in values[1:] if mode]
         else:
             self.plan = [self.last] * int(values[1])
-            self.last_w2, self.growth = values[2], values[3] if self.counts_all else math.inf
+            self.last_w2, self.growth = values[2], values[3]
 
     def decide(self, S: Array) -> int:
         self.lengthened = 0
@@ -204,7 +204,7 @@ class _RecedingHorizonScheduler(Scheduler):
             self.last_w2, self.growth = w2, float(np.linalg.norm(held, 2)) ** 2 * (1 + 1e-9)
             if not self.counts_all:  # states that W2 doesn't count have their part: four times as much is a disturbance
                 expected = float(np.sum(self.modes.distance * (held @ S @ held.T)))
-                self.growth = 4 * expected / w2 if w2 > 0 else math.inf
+                self.growth = 4 * expected / w2 if w2 > 0 else 0.0
             self.lengthened = hold - self.method.hold
             self.plan = [mode] * hold
         self.j += 1
