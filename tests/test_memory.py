@@ -178,7 +178,7 @@ def test_a_scheduler_of_ones_own_must_say_what_it_remembers(pair):
 
 
 def test_what_counts_as_a_disturbance_is_remembered_where_w2_leaves_states_out():
-    method, compared = RecedingHorizon(4, hold=2, decrease=0.3), 0
+    method, compared = RecedingHorizon(4, decrease=0.8), 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
         modes = ModeSet(random_modes(rng, 3, 2, (0.4, 0.9)), plant_states=1)
