@@ -12,6 +12,12 @@ from switchctl.moments import Array, stepped
 Indices = NDArray[np.intp]
 
 
+def next_factor(modes: ModeSet, before: int, mode: int, F: Array) -> Array:
+    """The moment factor after a step in a mode that follows another (-1 for none), with the mode's noise."""
+    noise = modes.noise_roots
+    return stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode])
+
+
 def factors_along(modes: ModeSet, before: Iterable[int], sequence: Iterable[int], F: Array) -> Iterator[Array]:
     """The moment factor at each step of a run and after the last.
 
@@ -28,10 +34,9 @@ def factors_along(modes: ModeSet, before: Iterable[int], sequence: Iterable[int]
     ------
     array, shape (n, n + 1)
     """
-    A, noise = modes.A_after, modes.noise_roots
     yield F
     for last, mode in zip(before, sequence, strict=True):
-        F = stepped(F, A[last, mode], None if noise is None else noise[mode])
+        F = next_factor(modes, last, mode, F)
         yield F
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.methods.base import Scheduler
-from switchctl.moments import Array, stepped
-from switchctl.predicted import overflow
+from switchctl.moments import Array
+from switchctl.predicted import factors_along, next_factor, overflow
 
 CONVERGED = 1e-12
 """Without a number of steps, a prediction ends when W2 has fallen to this fraction of its start .."""
@@ -52,7 +52,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
     sequence: list[int] = []
     lengthened: list[tuple[int, int]] = []
     modes, before = scheduler.modes, scheduler.graph.last_mode[0]
-    plant, noise, weight = modes.plant_states, modes.noise_roots, 1.0
+    plant, weight = modes.plant_states, 1.0
     first, start = F, np.sum(F[:plant] ** 2) + np.sum(modes.distance * modes.W.max(axis=0))
     # W2 of the plant alone may pass through zero while controllers' states are not; then it must stay there.
     settling = 0 if plant == len(F) else 2 * len(F)
@@ -68,7 +68,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
             with np.errstate(over="ignore", invalid="ignore"):
-                F = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode])
+                F = next_factor(modes, before, mode, F)
                 w2, before = np.vdot(F[:plant], F[:plant]), mode
             if not np.isfinite(w2) or (settling and not np.isfinite(F).all()):
                 raise ValueError(overflow(modes, F, k) + f"; ask for at most {k} steps")
@@ -86,9 +86,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             raise
         status = INTERRUPTED
         scheduler.recover(sequence)  # it may have been a step ahead
-        F, before = first, scheduler.graph.last_mode[0]
-        for mode in sequence:
-            F, before = stepped(F, modes.A_after[before, mode], None if noise is None else noise[mode]), mode
+        *_, F = factors_along(modes, [scheduler.graph.last_mode[0], *sequence[:-1]], sequence, first)
     return Prediction(sequence, lengthened, F, status)
 
 

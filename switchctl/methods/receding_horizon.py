@@ -178,7 +178,8 @@ class _RecedingHorizonScheduler(Scheduler):
             assert F is not None
             if self.method.decrease is not None:
                 raise ValueError("decrease is a constraint on the distance to the origin; leave it out with a target")
-            costs, plans = towards(self.graph, self.node, self.costs.plans(self.node, T), F, self.target)
+            plans = self.costs.plans(self.node, T)
+            costs = towards(self.graph, self.node, plans, F, self.target)
             self.plan = list(plans[least_cost(costs)][: self.method.hold])
             self.j += 1
             return

@@ -8,9 +8,7 @@ from switchctl.moments import Array
 from switchctl.predicted import factors_along, squared_distances
 
 
-def towards(
-    graph: SwitchingGraph, node: int, plans: list[list[int]], F: Array, target: Gaussian
-) -> tuple[Array, list[list[int]]]:
+def towards(graph: SwitchingGraph, node: int, plans: list[list[int]], F: Array, target: Gaussian) -> Array:
     """What plans cost, per dk, with the squared distance to a target in the place of the stage weight.
 
     Parameters
@@ -28,9 +26,7 @@ def towards(
 
     Returns
     -------
-    costs : array, shape (r,)
-    plans : list of list of int
-        As given.
+    array, shape (r,)
     """
     modes, costs = graph.modes, []
     for plan in plans:
@@ -40,4 +36,4 @@ def towards(
         switches = graph.switch_cost[before, plan] + graph.switch_cost_per_w2[before, plan] * distances
         each = distances + graph.price[plan] + switches / modes.dk
         costs.append(modes.discount ** np.arange(len(plan)) @ each)
-    return np.array(costs), plans
+    return np.array(costs)
