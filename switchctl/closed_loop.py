@@ -7,10 +7,11 @@ from typing import Any, Literal
 import control
 import numpy as np
 
+from switchctl import mode_checks
 from switchctl.controllers import Controllers, assembled, controller
 from switchctl.estimation import error_covariance, filter_gain
 from switchctl.feedback import Loops, blocks, closed, sampled_loops, waiting
-from switchctl.inactive import Inactive, inactive_behaviour
+from switchctl.inactive import Inactive
 from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
 from switchctl.sampling import Sampling, common_period, plant_system, recipe, sampled, sampled_noise, sampling_method
@@ -200,13 +201,11 @@ def close_loops(
         for name, entry, how in zip(names, entries, hows, strict=True)
     ]
     behaviours, starts = _by_controller(inactive, names, "inactive"), _by_controller(initial, names, "initial")
-    for name, behaviour, begun in zip(names, behaviours, starts, strict=True):
-        inactive_behaviour(behaviour, f"controllers[{name!r}]")
-        if isinstance(begun, str) and begun not in ("zero", "settled"):
-            raise ValueError(f"initial of {name!r} is {begun!r}; expected 'zero', 'settled' or a matrix")
     for told, what in ((inactive, "inactive"), (initial, "initial"), (sampling, "sampling")):
         _refuse_for_static(told, what, each)
-    noise = _process_noise(W, len(each), plant.nstates)
+    noise = np.zeros((len(each), plant.nstates, plant.nstates))
+    if W is not None:
+        noise = mode_checks.noise([[W]] if np.ndim(W) == 0 else W, noise.shape)
     measured = None if V is None else _weight(V, "V", plant.noutputs)
     if continuous and not (V is None and estimator is None):
         raise ValueError("V and estimator are of samples; loops closed in continuous time have none")
@@ -248,14 +247,6 @@ def close_loops(
         measurement_noise=measured,
         error_covariance=None if L is None else error_covariance(plant, L, noise, measured),
     )
-
-
-def _process_noise(value: Any, m: int, n: int) -> Array:
-    """The noise of each mode."""
-    W = np.zeros((n, n)) if value is None else real_array([[value]] if np.ndim(value) == 0 else value, "W")
-    if W.shape not in ((n, n), (m, n, n)):
-        raise control.ControlDimension(f"W has shape {W.shape}; expected {(n, n)}, or {(m, n, n)} for one a mode")
-    return np.array(np.broadcast_to(positive_semidefinite(W, "W"), (m, n, n)))
 
 
 def _costs(Q: Any, R: Any, loops: Loops, n: int, measured: Array | None) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 from switchctl.inactive import (
     Inactive,
     TrackingNoise,
+    check_initial,
     inactive_behaviour,
     initial_map,
     reset_map,
@@ -234,11 +235,12 @@ def assembled(
             if c.by_state:
                 fed, read = F[..., estimate], Hz[..., estimate]
         F[j, own, own], fed[j, own], Hz[j, :, own], read[j] = c.F, c.G, c.H, c.D
+        kind, matrix = inactive_behaviour(inactive[j], c.label)
+        check_initial(initial[j], c.label)
         if len(c.F) == 0:
             continue
         if m == 1:  # it is never inactive
-            inactive[j] = "run"
-        kind, matrix = inactive_behaviour(inactive[j], c.label)
+            kind = "run"
         others = np.arange(m) != j
         if observer is not None and c.by_state and not (isinstance(initial[j], str) and initial[j] == "zero"):
             raise ValueError(

@@ -117,6 +117,12 @@ def reset_map(value: Any, states: int, plant_states: int, label: str) -> Array:
     return real_array(value, f"the reset of {label}", (states, plant_states))
 
 
+def check_initial(value: Any, label: str) -> None:
+    """Refuse words that say nothing of a controller's state at the start."""
+    if isinstance(value, str) and value not in ("zero", "settled"):
+        raise ValueError(f"initial of {label} is {value!r}; expected 'zero', 'settled' or a matrix")
+
+
 def initial_map(value: Any, F: Array, GC: Array, label: str, sampled: bool = True) -> Any:
     """A controller's state at the start as a function of the plant's: "zero", "settled" or a matrix."""
     if isinstance(value, str) and value == "zero":
@@ -129,8 +135,6 @@ def initial_map(value: Any, F: Array, GC: Array, label: str, sampled: bool = Tru
                 "initial state as a matrix, or 'zero'"
             )
         return np.linalg.solve(away, GC)
-    if isinstance(value, str):
-        raise ValueError(f"initial of {label} is {value!r}; expected 'zero', 'settled' or a matrix of shape {GC.shape}")
     matrix = real_array(value, f"initial of {label}")
     if matrix.shape != GC.shape:
         raise ControlDimension(f"initial of {label} has shape {matrix.shape}; expected {GC.shape}, states by plant's")
