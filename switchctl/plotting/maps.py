@@ -121,7 +121,7 @@ def plot_ellipses(
     pair = _state_pair(schedule.modes, states)
     if not 0 < number(probability, "probability") < 1:
         raise ValueError(f"probability is {probability}; expected a number strictly between 0 and 1")
-    stop = steps_shown([schedule], stop)
+    stop = steps_shown([schedule.w2], stop)
     ax = one_axes(ax)
     mean, cov = schedule.mean[pair, :stop], schedule.cov[:stop][:, pair][:, :, pair]
     lines = ax.plot(*mean, color="black", lw=0.8, marker=".", ms=3, zorder=3, label="mean")

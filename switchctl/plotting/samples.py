@@ -11,7 +11,6 @@ from matplotlib.patches import Patch
 from switchctl.moments import Array
 from switchctl.plotting.style import (
     SCHEDULE_DASHES,
-    SHOWN,
     Legend,
     finish,
     legend_place,
@@ -20,11 +19,11 @@ from switchctl.plotting.style import (
     positive,
     require,
     split_axes,
+    steps_shown,
     time_label,
     wrapped,
 )
 from switchctl.simulation import MonteCarlo
-from switchctl.validation import whole_number
 
 # Greys: colours are those of modes, and schedules are black.
 _BAND: dict[str, Any] = {"color": "0.82", "lw": 0}
@@ -62,7 +61,7 @@ def plot_monte_carlo(
         Its axes are W2 and, below it, the strips.
     """
     require(result, MonteCarlo, "plot_monte_carlo")
-    shown = _steps_shown(result.predicted, stop)
+    shown = steps_shown(list(result.predicted), stop)
     rows = 4 * len(result.labels)
     ax, strips = split_axes(one_axes(ax, (6.4, 3.6 + 0.16 * rows)), rows)
     t, (low, high) = result.time[:shown], result.band
@@ -87,15 +86,6 @@ def plot_monte_carlo(
     plot = finish(ax, handles, title or "", legend_place(legend_loc, "above"))
     plot.axes = np.array([[ax], [strips]])
     return plot
-
-
-def _steps_shown(predicted: Array, stop: int | None) -> int:
-    """Steps to show: those asked for, or until every W2 is a small fraction of its start."""
-    longest = predicted.shape[1]
-    if stop is not None:
-        return min(whole_number(stop, "stop"), longest)
-    above = np.flatnonzero((predicted > SHOWN * predicted[:, :1]).any(axis=0))
-    return min(max(10, (above[-1] if len(above) else 0) + 2), longest)
 
 
 def _draw_mean(ax: Axes, t: Array, mean: Array, whole: Array) -> None:

@@ -59,7 +59,7 @@ def plot_w2(
     require(data, (Schedule, Comparison), "plot_w2")
     schedules = data.schedules if isinstance(data, Comparison) else {data.method or "schedule": data}
     modes = data.modes
-    stop = steps_shown(list(schedules.values()), stop)
+    stop = steps_shown([schedule.w2 for schedule in schedules.values()], stop)
     one = len(schedules) == 1
     rows = len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules)
     ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
@@ -118,7 +118,7 @@ def plot_switching(
     """
     require(schedule, Schedule, "plot_switching")
     ax = one_axes(ax, (6.4, 0.9 + 0.32 * len(schedule.modes)))
-    _draw_signal(ax, schedule, steps_shown([schedule], stop))
+    _draw_signal(ax, schedule, steps_shown([schedule.w2], stop))
     ax.set_xlabel(time_label(schedule.modes))
     ax.set_ylabel("mode")
     handles = [Patch(color=mode_style(i)["color"], label=plain(name)) for i, name in enumerate(schedule.modes.names)]
@@ -165,7 +165,7 @@ def plot_schematic(
     if not switches:
         raise ValueError("the schedule never switches, so there is nothing to show; give one with a switch")
     modes, first = schedule.modes, switches[0]
-    stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule], stop)
+    stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule.w2], stop)
     ax = one_axes(ax)
     t = np.arange(stop) * modes.dk
     single = _single_w2(schedule, stop)

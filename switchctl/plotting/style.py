@@ -3,6 +3,7 @@
 A mode keeps its colour and line style, by its index, in every figure; schedules are black.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from switchctl.modes import ModeSet
-from switchctl.result import Schedule
+from switchctl.moments import Array
 from switchctl.validation import whole_number
 
 # Okabe and Ito's palette without black and yellow, continued from Tol's muted one; told apart by line style as well.
@@ -64,14 +65,14 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def steps_shown(schedules: list[Schedule], stop: int | None) -> int:
-    """Steps to show: those asked for, or until W2 is a small fraction of its start."""
-    longest = max(map(len, schedules))
+def steps_shown(w2s: Sequence[Array], stop: int | None) -> int:
+    """Steps to show: those asked for, or until each W2 is a small fraction of its start."""
+    longest = max(map(len, w2s))
     if stop is not None:
         return min(whole_number(stop, "stop"), longest)
     shown = 10
-    for schedule in schedules:
-        above = np.flatnonzero(schedule.w2 > SHOWN * schedule.w2[0])
+    for w2 in w2s:
+        above = np.flatnonzero(w2 > SHOWN * w2[0])
         shown = max(shown, (above[-1] if len(above) else 0) + 2)
     return min(shown, longest)
 
