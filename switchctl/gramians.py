@@ -50,12 +50,7 @@ def horizon_gramians(A: Array, Q: Array, horizon: int) -> Array:
     >>> horizon_gramians(np.array([[[0.5]]]), np.array([[[1.0]]]), 2)
     array([[[1.3125]]])
     """
-    G, power = Q, A  # of 1 term
-    for bit in bin(horizon + 1)[3:]:
-        G, power = G + transform(power, G), power @ power
-        if bit == "1":
-            G, power = Q + transform(A, G), power @ A
-    return G
+    return affine_gramians(A, Q, np.zeros_like(Q), np.zeros(Q.shape[:-2]), 1.0, horizon + 1).G
 
 
 class Block(NamedTuple):
