@@ -41,8 +41,8 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Import certificates, pictures and models when they are first asked for."""
-    if name in ("certificates", "plotting", "models"):
+    """Import guarantees, certificates, pictures and models when they are first asked for."""
+    if name in ("stability", "certificates", "plotting", "models"):
         return import_module(f"switchctl.{name}")
     raise AttributeError(f"module 'switchctl' has no attribute {name!r}")
 
