@@ -1,6 +1,9 @@
 """Docstring examples assume ``import numpy as np``, ``import control`` and ``from switchctl import *``."""
 
+import os
 from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests themselves run in parallel
 
 import control
 import matplotlib
