@@ -1,0 +1,145 @@
+"""How long modes must be held on average, so that every switching signal that does so is stable."""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from switchctl.gramians import tail
+from switchctl.modes import ModeSet
+from switchctl.moments import Array
+from switchctl.stability.dwell_time import held, minimum_dwell_time, require_schur
+from switchctl.stability.joint_spectral_radius import proven_radius
+from switchctl.stability.moves import Moves
+from switchctl.stability.quadratic import quadratic_norms
+from switchctl.tables import html_table, tree
+
+_ACCURACY = 1e-6
+_TRIED = 25  # rates of decay
+_HELD = 32  # steps for which one of two modes is held
+
+
+@dataclass(frozen=True, eq=False)
+class AverageDwellTime:
+    """An average dwell time that makes every switching signal stable; see `average_dwell_time`.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    lower, upper : float
+        With an average dwell time of ``upper`` steps or more every signal is stable; with ``lower`` one is not.
+    word : tuple of int
+        The one that is not: modes to repeat for ever; () where none is known.
+    decay, jump : float
+        The norms shrink by ``decay`` at every step, and grow by at most ``jump`` at a switch:
+        ``upper = -ln(jump) / ln(decay)``.
+    P : array, shape (m, n, n)
+        The norms ``sqrt(x' P_i x)``.
+    """
+
+    modes: ModeSet
+    lower: float
+    upper: float
+    word: tuple[int, ...]
+    decay: float
+    jump: float
+    P: Array
+
+    def _facts(self) -> list[tuple[str, str]]:
+        facts = [("stable from", f"{self.upper:.6g} steps on average")]
+        facts.append(("norms", f"shrink by {self.decay:.6g} a step, grow by at most {self.jump:.6g} at a switch"))
+        if self.word:
+            facts.append(("not stable at", f"{self.lower:.6g} steps: {held(self.word, self.modes.names)}"))
+        return facts
+
+    def __repr__(self) -> str:
+        return tree("AverageDwellTime", self._facts())
+
+    def _repr_html_(self) -> str:
+        return html_table(["", ""], self._facts(), "Average dwell time")
+
+
+def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwellTime:
+    """Find an average dwell time, in steps, that makes every switching signal stable.
+
+    A signal has the average dwell time tau if it switches at most ``N0 + k / tau`` times in any k steps, whatever N0
+    (Hespanha and Morse, CDC 1999). With norms that shrink by a factor ``decay`` at each step and grow by ``jump`` at
+    each switch, it is stable where ``jump * decay ** tau < 1``. For each of a number of decays the norms of the least
+    jump are found by a semidefinite program.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes, each Schur stable.
+    time_limit : float, optional
+        Seconds after which no further decay is tried.
+
+    Returns
+    -------
+    AverageDwellTime
+
+    Raises
+    ------
+    TypeError, ValueError, numpy.linalg.LinAlgError
+        As `minimum_dwell_time`.
+
+    Examples
+    --------
+    >>> from switchctl.stability import average_dwell_time
+    >>> found = average_dwell_time(ModeSet([[[0.9, 0.0], [0.0, 0.5]], [[0.5, 0.0], [0.0, 0.9]]]))
+    >>> print(found.upper)  # one norm serves both
+    0.0
+    """
+    require_schur(modes)
+    found = minimum_dwell_time(modes, time_limit / 2)
+    end = time.perf_counter() + time_limit / 2
+    lower, word = _unstable(modes, found.word)
+    common = Moves.with_dwell(modes, (1,) * len(modes))
+    one_node = replace(common, places=(0,), tail=0 * common.tail, head=0 * common.head)
+    gamma, P = quadratic_norms(one_node, np.eye(modes.A.shape[-1])[None], 0.0, 1 - _ACCURACY, _ACCURACY, end)
+    if gamma < 1:
+        return AverageDwellTime(modes, 0.0, 0.0, (), gamma, 1.0, np.tile(P[0], (len(modes), 1, 1)))
+    slowest = -np.log(max(float(modes.spectral_radii.max()), 1e-3))
+    best = AverageDwellTime(modes, lower, np.inf, word, 1.0, np.inf, np.empty(0))
+
+    def least(part: float) -> float:
+        nonlocal best
+        if time.perf_counter() > end and best.P.size:
+            return best.upper
+        decay = float(np.exp(-part * slowest))
+        norms = [tail(A / decay, np.eye(len(A))) for A in modes.A]
+        if any(P is None for P in norms):
+            return np.inf
+        moves = replace(common, A=common.A / decay, lengths=(common.tail != common.head).astype(float))
+        jump, P = quadratic_norms(moves, np.array(norms), 1.0, 1.0, _ACCURACY, max(end, time.perf_counter() + 1))
+        jump = max(jump, 1.0)
+        upper = float(np.log(jump) / (part * slowest)) * (1 + 1e-9)
+        if upper < best.upper:
+            best = replace(best, upper=upper, decay=decay, jump=jump, P=P)
+        return upper
+
+    minimize_scalar(least, bounds=(0.01, 0.99), method="bounded", options={"maxiter": _TRIED, "xatol": 1e-3})
+    return best
+
+
+def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, ...]]:
+    """The greatest average dwell time met of a word that doesn't contract: the one given, or of two modes in turn."""
+    switches = sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
+    best = (len(word) / switches, word) if switches else (0.0, word)
+    powers = [modes.A]
+    for _ in range(_HELD - 1):
+        powers.append(powers[-1] @ modes.A)
+    held_for = np.stack(powers, axis=1)
+    for i in range(len(modes)):
+        for j in range(i):
+            products = held_for[i][:, None] @ held_for[j][None]
+            radii = np.abs(np.linalg.eigvals(products)).max(axis=-1)
+            for a, b in sorted(np.argwhere(radii >= 1).tolist(), key=sum, reverse=True):
+                average = (a + b + 2) / 2
+                if average <= best[0]:
+                    break
+                if proven_radius(products[a, b]) >= 1:
+                    best = average, (j,) * (b + 1) + (i,) * (a + 1)
+    return best

@@ -1,0 +1,182 @@
+"""Gripenberg's branch and bound for the joint spectral radius, on a graph and in quadratic norms.
+
+Products are multiplied out move by move from every node. One whose norm is at most ``target ** steps`` goes no further:
+every run can be cut into such products and those that are left when the budget ends, each of which is cut where it
+grew the least (G. Gripenberg, Linear Algebra Appl. 234, 1996).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from switchctl.moments import Array
+from switchctl.stability.moves import Indices, Moves
+
+_LONGEST = 40  # moves of a cycle tried by the beam
+
+
+Tree = list[tuple[Indices, Indices, NDArray[np.bool_]]]
+
+
+class Cycle(NamedTuple):
+    """Moves that lead from a node back to it, and the growth of a step when they are repeated for ever."""
+
+    rate: float
+    edges: tuple[int, ...]
+
+
+class Branching(NamedTuple):
+    """What a branch and bound found.
+
+    The tree is a list of levels: each product's number in the level before, its last move, and whether runs are cut
+    there.
+    """
+
+    cycle: Cycle
+    upper: float
+    tree: Tree
+
+
+class _Level(NamedTuple):
+    parent: Indices
+    edge: Indices
+    start: Indices
+    end: Indices
+    product: Array
+    steps: Array
+    least: Array  # the least growth of a step at which the product can be cut
+    cut: Indices  # the level where that is
+
+
+def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int) -> Branching:
+    """Search all products until their growth is known to a tolerance.
+
+    Parameters
+    ----------
+    moves : Moves
+        The moves, in states whose Euclidean norms are those to use.
+    cycle : Cycle
+        The greatest growth known.
+    tol : float
+        Stop where the upper bound exceeds the lower one by this, relative.
+    goal : float
+        Or at this upper bound.
+    budget : int
+        The most products.
+
+    Returns
+    -------
+    Branching
+    """
+    lengths, n = moves.lengths, moves.A.shape[-1]
+    after = [np.flatnonzero(moves.tail == v) for v in range(len(moves))]
+    V = len(moves)
+    nodes = np.arange(V)
+    nothing = np.tile(np.eye(n), (V, 1, 1))
+    levels = [_Level(nodes, nodes, nodes, nodes, nothing, np.zeros(V), np.full(V, np.inf), np.full(V, -1))]
+    count, upper = 0, 0.0
+    while True:
+        last = levels[-1]
+        target = max(cycle.rate * (1 + tol), goal)
+        cut = last.least <= target
+        upper, alive = max(upper, float(last.least[cut].max(initial=0.0))), np.flatnonzero(~cut)
+        ways = [after[v] for v in last.end[alive]]
+        count += sum(map(len, ways))
+        if not len(alive) or count > budget:
+            break
+        parent = np.repeat(alive, [len(way) for way in ways])
+        edge = np.concatenate(ways)
+        product, steps = moves.A[edge] @ last.product[parent], last.steps[parent] + lengths[edge]
+        growth = np.linalg.norm(product, 2, axis=(1, 2)) ** (1 / steps)
+        better = growth < last.least[parent]
+        level = _Level(
+            parent,
+            edge,
+            last.start[parent],
+            moves.head[edge],
+            product,
+            steps,
+            np.where(better, growth, last.least[parent]),
+            np.where(better, len(levels), last.cut[parent]),
+        )
+        levels.append(level)
+        cycle = _greatest(moves, level, growth, cycle, levels)
+    return Branching(cycle, max(upper, float(last.least[alive].max(initial=0.0))), _cuts(levels))
+
+
+def _greatest(moves: Moves, level: _Level, growth: Array, cycle: Cycle, levels: list[_Level]) -> Cycle:
+    """The cycle that grows most, of the one known and those of a level."""
+    closed = np.flatnonzero((level.start == level.end) & (growth > cycle.rate))
+    if not len(closed):
+        return cycle
+    radii = np.abs(np.linalg.eigvals(level.product[closed])).max(axis=1)
+    rates = radii ** (1 / level.steps[closed])
+    best = int(rates.argmax())
+    if rates[best] <= cycle.rate * (1 + 1e-12):
+        return cycle
+    place = int(closed[best])
+    edges: list[int] = []
+    for one in reversed(levels[1:]):
+        edges.append(int(one.edge[place]))
+        place = int(one.parent[place])
+    return Cycle(float(rates[best]), tuple(reversed(edges)))
+
+
+def _cuts(levels: list[_Level]) -> Tree:
+    """The tree of products up to where they are cut."""
+    marks = [np.zeros(len(level.edge), dtype=bool) for level in levels]
+    expanded = [np.zeros(len(level.edge), dtype=bool) for level in levels]
+    for k, level in enumerate(levels[1:], 1):
+        expanded[k - 1][level.parent] = True
+    for k, level in enumerate(levels):
+        leaves = np.flatnonzero(~expanded[k])
+        at, cut = leaves, level.cut[leaves]
+        for j in range(k, 0, -1):
+            here = cut == j
+            marks[j][at[here]] = True
+            at = levels[j].parent[at]
+    return [(level.parent, level.edge, mark) for level, mark in zip(levels, marks, strict=True)]
+
+
+def promising_cycle(moves: Moves, beam: int = 200) -> Cycle:
+    """A cycle that grows much: the greatest of the cycles among the products of greatest norm at every length.
+
+    Parameters
+    ----------
+    moves : Moves
+        The moves.
+    beam : int, optional
+        How many products of a length go on.
+
+    Returns
+    -------
+    Cycle
+    """
+    after = [np.flatnonzero(moves.tail == v) for v in range(len(moves))]
+    E = len(moves.tail)
+    parent = edge = np.arange(E)
+    level = _Level(
+        parent, edge, moves.tail, moves.head, moves.A, moves.lengths, np.full(E, np.inf), np.zeros(E, dtype=int)
+    )
+    levels, cycle = [level, level], Cycle(0.0, ())
+    tried = 0
+    while True:
+        norms = np.linalg.norm(level.product, axis=(1, 2))
+        size = np.where(norms > 0, norms, 0) ** (1 / level.steps)
+        cycle = _greatest(moves, level, np.full(len(size), np.inf), cycle, levels)
+        kept = np.argsort(-size, kind="stable")[:beam]
+        kept = kept[(size[kept] > cycle.rate * (1 - 1e-9)) & np.isfinite(size[kept]) & (norms[kept] > 0)]
+        tried += len(kept)
+        if not len(kept) or len(levels) > _LONGEST:
+            break
+        ways = [after[v] for v in level.end[kept]]
+        parent, edge = np.repeat(kept, [len(way) for way in ways]), np.concatenate(ways)
+        with np.errstate(over="ignore", invalid="ignore"):
+            product = moves.A[edge] @ level.product[parent]
+        level = _Level(
+            parent, edge, level.start[parent], moves.head[edge], product,
+            level.steps[parent] + moves.lengths[edge], level.least[parent], level.cut[parent],
+        )  # fmt: skip
+        levels.append(level)
+    return cycle

@@ -1,0 +1,251 @@
+"""How long a mode must be held, so that every switching signal that does so is stable."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from switchctl.modes import ModeSet
+from switchctl.stability.joint_spectral_radius import Bounds, bounded
+from switchctl.stability.moves import Moves
+from switchctl.tables import html_table, tree
+from switchctl.validation import number
+
+_CLOSE = 1e-7
+_LONGEST = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class DwellTime:
+    """The least dwell time that makes every switching signal stable; see `minimum_dwell_time`.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    lower, upper : int
+        Its bounds, in steps: with a dwell time of ``upper`` every signal is stable, with ``lower - 1`` one is not.
+    stable : Bounds
+        The growth of a step with the dwell time ``upper``.
+    unstable : Bounds or None
+        The growth of a step with ``lower - 1``; None where lower is 1.
+    """
+
+    modes: ModeSet
+    lower: int
+    upper: int
+    stable: Bounds
+    unstable: Bounds | None
+
+    @property
+    def word(self) -> tuple[int, ...]:
+        """Modes, each held for ``lower - 1`` steps at least, that don't vanish when repeated for ever; () for none."""
+        return () if self.unstable is None else self.unstable.cycle
+
+    def _facts(self) -> list[tuple[str, str]]:
+        names, dt = self.modes.names, self.modes.dt
+        seconds = "" if dt is True else f", {self.upper * dt:.6g} s"
+        exact = f"{self.upper} step{'s' * (self.upper > 1)}{seconds}"
+        facts = [("least", exact if self.lower == self.upper else f"{self.lower} to {exact}")]
+        facts.append((f"dwell {self.upper}", f"every signal vanishes, by at most {self.stable.upper:.8g} a step"))
+        if self.unstable is not None:
+            word = held(self.word, names)
+            facts.append((f"dwell {self.lower - 1}", f"{word} grows by {self.unstable.lower:.8g} a step"))
+        return facts
+
+    def __repr__(self) -> str:
+        return tree("DwellTime", self._facts())
+
+    def _repr_html_(self) -> str:
+        return html_table(["", ""], self._facts(), "Dwell time")
+
+
+def held(word: tuple[int, ...], names: tuple[str, ...]) -> str:
+    """A word with how often each mode is repeated."""
+    runs: list[list[int]] = []
+    for mode in word:
+        if runs and runs[-1][0] == mode:
+            runs[-1][1] += 1
+        else:
+            runs.append([mode, 1])
+    return " ".join(names[mode] + (f" x {count}" if count > 1 else "") for mode, count in runs)
+
+
+def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:
+    """Find the least dwell time, in steps, that makes every switching signal stable.
+
+    A dwell time is stable where a quadratic norm for each mode falls at every step, switches with all the steps they
+    entail included, ``A_i' P_i A_i < P_i`` and ``(A_j^d)' P_j A_j^d < P_i`` (Geromel and Colaneri, Int. J. Control 79,
+    2006), or else norms with more memory or over longer words do (see `joint_spectral_radius`); it is not where a word
+    that may be repeated for ever doesn't contract.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes, each Schur stable.
+    time_limit : float, optional
+        Seconds after which no further dwell time is tried.
+
+    Returns
+    -------
+    DwellTime
+        Ctrl-C ends the search with the bounds found so far.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or value, or a mode is not Schur stable: no dwell time makes up for that.
+    numpy.linalg.LinAlgError
+        If rounding hides whether a mode is.
+
+    Examples
+    --------
+    >>> from switchctl.stability import minimum_dwell_time
+    >>> from switchctl.models import five_mode
+    >>> found = minimum_dwell_time(five_mode.modes())
+    >>> print(found.lower, found.upper, found.word)  # with a dwell time of two steps, A5 A5 A3 A3 is not stable
+    3 3 (4, 4, 2, 2)
+    """
+    search = _Search(modes, time_limit)
+    m, most = len(modes), 1
+    while search.verdict((most,) * m) != "stable":
+        if most > _LONGEST:
+            raise ValueError(f"no dwell time up to {_LONGEST:,} steps was found that makes every signal stable")
+        most *= 2
+    upper = _least(lambda d: search.verdict((d,) * m) == "stable", 1, most)
+    lower = _least(lambda d: search.verdict((d,) * m) != "unstable", 1, upper)
+    while lower < upper and search.time_left:
+        if search.verdict((upper - 1,) * m, again=True) == "stable":
+            upper -= 1
+        elif search.verdict((lower,) * m, again=True) == "unstable":
+            lower += 1
+        elif upper - 1 == lower or not search.time_left:
+            break
+    found = search.found
+    return DwellTime(modes, lower, upper, found[(upper,) * m], found[(lower - 1,) * m] if lower > 1 else None)
+
+
+def _least(holds: Callable[[int], bool], low: int, high: int) -> int:
+    """The least number up to ``high``, where it holds, from which on it does, by bisection."""
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return high
+
+
+def require_schur(modes: ModeSet) -> None:
+    """Refuse modes that may not be held for ever."""
+    if not isinstance(modes, ModeSet):
+        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    if not modes.schur.all():
+        name = modes.names[int(modes.schur.argmin())]
+        raise ValueError(
+            f"mode {name!r} is not Schur stable, so it can be held for ever and no dwell time makes every signal "
+            "stable; stabilising_word looks for a signal that is"
+        )
+
+
+class _Search:
+    """What is known of dwell times, and the time to find more."""
+
+    def __init__(self, modes: ModeSet, time_limit: float) -> None:
+        require_schur(modes)
+        if not number(time_limit, "time_limit") > 0:
+            raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
+        self.modes, self.end = modes, time.perf_counter() + time_limit
+        self.share = time_limit / 20
+        self.found: dict[tuple[int, ...], Bounds] = {}
+
+    @property
+    def time_left(self) -> bool:
+        """Whether there is time, and nobody has asked to stop."""
+        return time.perf_counter() < self.end and all(f.status != "interrupted" for f in self.found.values())
+
+    def verdict(self, dwell: tuple[int, ...], again: bool = False) -> str:
+        """Whether dwell times are stable, by what is known or can be found in a share of the time."""
+        if dwell not in self.found or (again and self.found[dwell].verdict == "undecided" and self.time_left):
+            end = min(time.perf_counter() + self.share * (5 if again else 1), max(self.end, time.perf_counter() + 1))
+            self.found[dwell] = bounded(Moves.with_dwell(self.modes, dwell), _CLOSE, 1.0, end)
+            if self.found[dwell].status == "interrupted" and self.found[dwell].verdict != "stable":
+                if not any(f.verdict == "stable" for f in self.found.values()):
+                    raise KeyboardInterrupt
+        return self.found[dwell].verdict
+
+
+@dataclass(frozen=True, eq=False)
+class DwellTimes:
+    """A dwell time for each mode; see `mode_dependent_dwell_times`.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    dwell : tuple of int
+        The dwell time of each, in steps, with which every switching signal is stable.
+    least : tuple of bool
+        Whether it is proven that with one step less for this mode alone, a signal is not.
+    stable : Bounds
+        The growth of a step with these dwell times.
+    """
+
+    modes: ModeSet
+    dwell: tuple[int, ...]
+    least: tuple[bool, ...]
+    stable: Bounds
+
+    def _facts(self) -> list[tuple[str, str]]:
+        facts = [
+            (name, f"{d} step{'s' * (d > 1)}" + ("" if least else " (perhaps less)"))
+            for name, d, least in zip(self.modes.names, self.dwell, self.least, strict=True)
+        ]
+        return [*facts, ("with these", f"every signal vanishes, by at most {self.stable.upper:.8g} a step")]
+
+    def __repr__(self) -> str:
+        return tree("DwellTimes", self._facts())
+
+    def _repr_html_(self) -> str:
+        return html_table(["", ""], self._facts(), "Dwell times")
+
+
+def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> DwellTimes:
+    """Find a dwell time for each mode, none of which can be less alone, that make every switching signal stable.
+
+    Beginning with the least one for all modes (see `minimum_dwell_time`), each mode's in turn is made as short as it
+    can be. Other orders may end elsewhere: there is no one least set of dwell times.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes, each Schur stable.
+    time_limit : float, optional
+        Seconds after which no further dwell time is tried.
+
+    Returns
+    -------
+    DwellTimes
+
+    Raises
+    ------
+    TypeError, ValueError, numpy.linalg.LinAlgError
+        As `minimum_dwell_time`.
+
+    Examples
+    --------
+    >>> from switchctl.stability import mode_dependent_dwell_times
+    >>> from switchctl.models import five_mode
+    >>> mode_dependent_dwell_times(five_mode.modes()).dwell
+    (2, 3, 3, 2, 3)
+    """
+    search = _Search(modes, time_limit)
+    dwell = (minimum_dwell_time(modes, time_limit / 2).upper,) * len(modes)
+    search.verdict(dwell)
+    for i in range(len(dwell)):
+        others = dwell[:i], dwell[i + 1 :]
+
+        def stable(d: int, i: int = i, others: tuple[tuple[int, ...], tuple[int, ...]] = others) -> bool:
+            return search.verdict((*others[0], d, *others[1])) == "stable"
+
+        dwell = (*others[0], _least(stable, 1, dwell[i]), *others[1])
+    least = tuple(
+        d == 1 or search.verdict((*dwell[:i], d - 1, *dwell[i + 1 :])) == "unstable" for i, d in enumerate(dwell)
+    )
+    return DwellTimes(modes, dwell, least, search.found[dwell])

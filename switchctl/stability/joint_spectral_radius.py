@@ -1,0 +1,305 @@
+"""How fast the state can grow under arbitrary switching, or under rules: the joint spectral radius."""
+
+import time
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.modes import ModeSet
+from switchctl.moments import Array
+from switchctl.stability.branching import Cycle, Tree, branch, promising_cycle
+from switchctl.stability.moves import Moves
+from switchctl.stability.quadratic import growth, lifting_norms, quadratic_norms, rounding
+from switchctl.tables import html_table, tree
+from switchctl.validation import number
+
+_PRODUCTS = 20_000  # of a branch and bound, at first
+_UNKNOWNS = 4_000  # entries of the norms of a lift
+_SMALL = 60  # entries of the norms up to which the quadratic bound is found to ten digits in any case
+_ACCURACY = 1e-10
+_CLOSE = 1e-7  # to a threshold
+_ENDINGS = ("tolerance reached", "time limit", "interrupted")
+
+Verdict = Literal["stable", "unstable", "undecided"]
+
+
+def verdict(lower: float, upper: float) -> Verdict:
+    """Whether states vanish, given bounds of the growth of a step."""
+    return "stable" if upper < 1 else "unstable" if lower >= 1 else "undecided"
+
+
+@dataclass(frozen=True, eq=False)
+class Norms:
+    """What proves an upper bound: quadratic norms at the nodes of a graph or its lift, and where runs are cut.
+
+    Parameters
+    ----------
+    moves : Moves
+        The moves, with the nodes that the norms stand at.
+    P : array, shape (nodes, n, n)
+        The norms ``sqrt(x' P x)``.
+    tree : list of levels
+        The products that runs are cut into (see `branching`).
+    """
+
+    moves: Moves
+    P: Array
+    tree: Tree
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds of the growth of a step, and what proves them.
+
+    Parameters
+    ----------
+    lower, upper : float
+        The bounds. Every run grows by at most a constant times ``upper ** k``.
+    cycle : tuple of int
+        Modes that, repeated for ever, grow by ``lower`` a step.
+    node : int
+        The node that the cycle begins at.
+    bounds : dict
+        The upper bound of each way tried.
+    status : str
+        Why the search ended.
+    norms : tuple of Norms
+        What proves ``upper``, for each part of the graph that a run can stay in.
+    """
+
+    lower: float
+    upper: float
+    cycle: tuple[int, ...]
+    node: int
+    bounds: dict[str, float]
+    status: str
+    norms: tuple[Norms, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether every run vanishes: "stable", "unstable" (not every one does) or "undecided"."""
+        return verdict(self.lower, self.upper)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointSpectralRadius(Bounds):
+    """The joint spectral radius; see `joint_spectral_radius`.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Its bounds. Every run grows by at most a constant times ``upper ** k``; `certify` proves it.
+    cycle : tuple of int
+        Modes that, repeated for ever, grow by ``lower`` a step.
+    node : int
+        The node of the graph that the cycle begins at.
+    bounds : dict
+        The upper bound of each way tried.
+    status : str
+        Why the search ended.
+    norms : tuple of Norms
+        What proves ``upper``, for each part of the graph that a run can stay in.
+    graph : SwitchingGraph
+        The modes, and the rules.
+    """
+
+    graph: SwitchingGraph
+
+    @property
+    def cycle_names(self) -> str:
+        """The modes of the cycle by name, first step first."""
+        return " ".join(self.graph.modes.names[i] for i in self.cycle)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        between = f"{self.lower:.10g} <= {self.upper:.10g}"
+        return [
+            ("bounds", f"{between} (relative gap {1 - self.lower / self.upper if self.upper else 0.0:.2g})"),
+            ("cycle", f"{self.cycle_names} grows by {self.lower:.10g} a step" if self.cycle else "none"),
+            ("switching", _MEANING[self.verdict]),
+            *((f"upper, {way}", f"{bound:.10g}") for way, bound in self.bounds.items()),
+            ("status", self.status),
+        ]
+
+    def __repr__(self) -> str:
+        return tree("JointSpectralRadius", self._facts())
+
+    def _repr_html_(self) -> str:
+        return html_table(["", ""], self._facts(), "Joint spectral radius")
+
+
+_MEANING = {
+    "stable": "stable: every run vanishes",
+    "unstable": "not stable: the cycle does not vanish",
+    "undecided": "undecided: 1 lies between the bounds",
+}
+
+
+def joint_spectral_radius(
+    modes_or_graph: ModeSet | SwitchingGraph, tol: float = 1e-4, time_limit: float = 30.0
+) -> JointSpectralRadius:
+    """Bound how fast the state can grow under arbitrary switching, or under the rules of a graph.
+
+    The joint spectral radius is the limit of the greatest norm of a product of k modes, to the power 1/k. The lower
+    bound is the growth of a cycle. The upper bound is the least of those by Kronecker lifting, by quadratic norms (a
+    common quadratic Lyapunov function, and path-complete ones with more and more memory), and by Gripenberg's branch
+    and bound in these norms; under rules they stand at the nodes of the graph.
+
+    Parameters
+    ----------
+    modes_or_graph : ModeSet or SwitchingGraph
+        The modes, or modes under rules: ``SwitchingGraph(modes, Rules(min_dwell=5))``.
+    tol : float, optional
+        The gap between the bounds to stop at, relative to the upper one.
+    time_limit : float, optional
+        Seconds after which no further way is tried.
+
+    Returns
+    -------
+    JointSpectralRadius
+        Ctrl-C ends the search with the bounds found so far.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or value.
+
+    Examples
+    --------
+    >>> from switchctl.stability import joint_spectral_radius
+    >>> modes = ModeSet([[[1.0, 1.0], [0.0, 1.0]], [[0.8, 0.0], [0.8, 0.8]]])
+    >>> found = joint_spectral_radius(modes)
+    >>> print(f"{found.lower:.6f}", found.cycle)  # sqrt(0.8) times the golden ratio
+    1.447214 (0, 1)
+    """
+    graph = as_graph(modes_or_graph)
+    tol, time_limit = number(tol, "tol"), number(time_limit, "time_limit")
+    if not (0 < tol < 1 and time_limit > 0):
+        raise ValueError(f"tol = {tol}, time_limit = {time_limit}; expected 0 < tol < 1 and seconds above 0")
+    found = bounded(Moves.of(graph), tol, None, time.perf_counter() + time_limit)
+    return JointSpectralRadius(**vars(found), graph=graph)
+
+
+def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) -> Bounds:
+    """Bound the growth of a step to a tolerance, or until the bounds are on one side of a threshold."""
+    searches: list[_Search] = []
+    status = _ENDINGS[0]
+    with tqdm(desc="joint spectral radius", unit="way", delay=2, leave=False) as progress:
+        for part in moves.components():
+            known = max((search.lower for search in searches), default=0.0)
+            searches.append(_Search(part, known, tol, threshold, deadline, progress))
+            status = max(status, searches[-1].run(), key=_ENDINGS.index)
+    best = max(searches, key=lambda search: search.lower)
+    upper = max(search.upper for search in searches)
+    ways = {way: None for search in searches for way in search.bounds}
+    bounds = {way: max(search.bounds.get(way, search.upper) for search in searches) for way in ways}
+    return Bounds(best.lower, upper, best.word, best.node, bounds, status, tuple(search.norms for search in searches))
+
+
+class _Search:
+    """Bounds for one strongly connected part."""
+
+    def __init__(
+        self, part: Moves, known: float, tol: float, threshold: float | None, deadline: float, progress: Any
+    ) -> None:
+        self.part, self.known, self.threshold = part, known, threshold
+        self.deadline, self.progress = deadline, progress
+        self.tol, self.goal = (tol, 0.0) if threshold is None else (_CLOSE, threshold * (1 - _CLOSE))
+        n = part.A.shape[-1]
+        self.lower, self.node = 0.0, part.places[0]
+        self.word: tuple[int, ...] = ()
+        self.bounds: dict[str, float] = {}
+        self.norms = Norms(part, np.tile(np.eye(n), (len(part), 1, 1)), [])
+        self.upper = growth(part, self.norms.P)
+
+    @property
+    def floor(self) -> float:
+        """The lower bound known of the whole graph."""
+        return max(self.lower, self.known)
+
+    @property
+    def enough(self) -> float:
+        """The upper bound to stop at."""
+        return max(self.floor * (1 + self.tol), self.goal)
+
+    @property
+    def done(self) -> bool:
+        """Whether the bounds are as near as they should be, or on one side of the threshold."""
+        return self.upper <= self.enough or (self.threshold is not None and self.lower >= self.threshold)
+
+    def run(self) -> str:
+        """Try one way after the other; return how it ended."""
+        try:
+            return self._run()
+        except KeyboardInterrupt:
+            return "interrupted"
+
+    def _run(self) -> str:
+        moves, unit = self.part, self.upper
+        if unit == 0:
+            return "tolerance reached"
+        P = lifting_norms(moves)
+        self._improve("Kronecker lifting", growth(moves, P), moves, P)
+        self._take(moves, promising_cycle(moves.seen_in(P, unit)))
+        budget = _PRODUCTS
+        for memory in count():
+            small = self.norms.P.size <= _SMALL and memory == 0 and self.threshold is None
+            if not self.done or small:
+                name = "quadratic norms" if memory == 0 else f"quadratic norms with memory {memory}"
+                stop, accuracy = (0.0, _ACCURACY) if small else (self.enough, self.tol / 10)
+                gamma, P = quadratic_norms(moves, P, self.floor, stop, accuracy, self.deadline)
+                self._improve(name, gamma, moves, P)
+            if self.done:
+                return "tolerance reached"
+            self._branch(moves, P, budget)
+            if self.done:
+                return "tolerance reached"
+            if time.perf_counter() > self.deadline:
+                return "time limit"
+            lift = moves.lifted() if len(moves.tail) * P[0].size <= _UNKNOWNS else None
+            if lift is None:
+                budget *= 4
+            else:
+                moves, P = lift, P[moves.head]
+        raise AssertionError  # the count has no end
+
+    def _branch(self, moves: Moves, P: Array, budget: int) -> None:
+        unit = growth(moves, P)
+        found = branch(moves.seen_in(P, unit), Cycle(self.floor / unit, ()), self.tol, self.goal / unit, budget)
+        self._take(moves, found.cycle)
+        self._improve("branch and bound", found.upper * unit * rounding(P), moves, P, found.tree)
+
+    def _take(self, moves: Moves, cycle: Cycle) -> None:
+        """Keep a cycle that grows more."""
+        if not cycle.edges:
+            return
+        word = tuple(mode for e in cycle.edges for mode in moves.words[e])
+        product = np.eye(moves.A.shape[-1])
+        for e in cycle.edges:
+            product = moves.A[e] @ product
+        rate = float(proven_radius(product) ** (1 / len(word)))
+        if rate > self.lower:
+            self.lower, self.word, self.node = rate, word, moves.places[moves.tail[cycle.edges[0]]]
+
+    def _improve(self, way: str, upper: float, moves: Moves, P: Array, tree: Any = ()) -> None:
+        """Keep an upper bound that is lower."""
+        self.bounds[way] = min(upper, self.bounds.get(way, np.inf))
+        if upper < self.upper or not self.bounds:
+            self.upper, self.norms = upper, Norms(moves, P, list(tree))
+        self.progress.set_postfix_str(f"{self.lower:.6g} to {self.upper:.6g}", refresh=False)
+        self.progress.update()
+
+
+def proven_radius(M: Array) -> float:
+    """A spectral radius less what rounding may have added to it, by the condition of its eigenvalue."""
+    from scipy.linalg import eig
+
+    values, left, right = eig(M, left=True)  # type: ignore[misc]
+    k = int(np.abs(values).argmax())
+    size, unit = float(np.linalg.norm(M, 2)), 4 * len(M) * np.finfo(float).eps
+    condition = 1 / max(float(np.abs(left[:, k].conj() @ right[:, k])), 1e-300)
+    wrong = min(unit * size * condition, size * (8 * unit) ** (1 / len(M)))
+    return max(0.0, float(np.abs(values[k])) - wrong)

@@ -1,0 +1,132 @@
+"""The moves among which stability is decided: a switching graph with its forced steps taken together, and its lifts."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from switchctl.graph import SwitchingGraph
+from switchctl.modes import ModeSet
+from switchctl.moments import Array
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Moves ``x+ = A_e x`` from node to node, each by a word of modes.
+
+    Parameters
+    ----------
+    places : tuple of int
+        The node of the switching graph behind each node.
+    tail, head : int arrays, shape (E,)
+        The nodes that each move leaves and enters.
+    A : array, shape (E, n, n)
+        The product of its steps.
+    words : tuple of E tuples of int
+        Its modes.
+    lengths : array, shape (E,)
+        What it counts; its steps, as a rule.
+    """
+
+    places: tuple[int, ...]
+    tail: Indices
+    head: Indices
+    A: Array
+    words: tuple[tuple[int, ...], ...]
+    lengths: Array
+
+    @classmethod
+    def of(cls, graph: SwitchingGraph) -> "Moves":
+        """The moves of a graph between the nodes where there is a choice, of every part that a run can stay in."""
+        kept = _choices(graph)
+        number = {v: k for k, v in enumerate(kept)}
+        tail, head, words, A = [], [], [], []
+        for v in kept:
+            for mode in np.flatnonzero(graph.successor[v] >= 0).tolist():
+                product, at = np.eye(graph.modes.A.shape[-1]), v
+                word: list[int] = []
+                while not word or at not in number:
+                    mode = int(graph.successor[at].argmax()) if word else mode
+                    product = graph.modes.A_after[graph.last_mode[at], mode] @ product
+                    word.append(mode)
+                    at = int(graph.successor[at, mode])
+                tail.append(number[v])
+                head.append(number[at])
+                words.append(tuple(word))
+                A.append(product)
+        lengths = np.array([len(word) for word in words], dtype=float)
+        moves = cls(tuple(kept), np.array(tail), np.array(head), np.array(A), tuple(words), lengths)
+        part = moves.parts
+        return moves.of_edges(np.flatnonzero(part[moves.tail] == part[moves.head]))
+
+    @classmethod
+    def with_dwell(cls, modes: ModeSet, dwell: Sequence[int]) -> "Moves":
+        """The moves where every mode is held for its dwell time: a step on, or a switch and all that it entails.
+
+        A node is the mode that has been held long enough.
+        """
+        pairs = np.array(list(np.ndindex(len(modes), len(modes))))
+        words = tuple((j,) * (1 if i == j else dwell[j]) for i, j in pairs.tolist())
+        powers = {j: np.linalg.matrix_power(modes.A[j], dwell[j] - 1) for j in range(len(modes))}
+        A = [modes.A[j] if i == j else powers[j] @ modes.A_after[i, j] for i, j in pairs.tolist()]
+        lengths = np.array([len(word) for word in words], dtype=float)
+        return cls(tuple(range(len(modes))), pairs[:, 0], pairs[:, 1], np.array(A), words, lengths)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def parts(self) -> Indices:
+        """The strongly connected component of each node; none is left for one with a smaller number."""
+        V = len(self)
+        links = csr_array((np.ones(len(self.tail)), (self.tail, self.head)), shape=(V, V))
+        return np.asarray(connected_components(links, connection="strong")[1], dtype=np.intp)
+
+    def of_edges(self, edges: Indices) -> "Moves":
+        """Only these moves, and the nodes on them."""
+        kept = np.unique(np.concatenate([self.tail[edges], self.head[edges]]))
+        new = np.full(len(self), -1)
+        new[kept] = np.arange(len(kept))
+        places, words = tuple(self.places[v] for v in kept), tuple(self.words[e] for e in edges)
+        return Moves(places, new[self.tail[edges]], new[self.head[edges]], self.A[edges], words, self.lengths[edges])
+
+    def components(self) -> Iterator["Moves"]:
+        """The strongly connected components, one by one."""
+        part = self.parts
+        for number in np.unique(part[self.tail]):
+            yield self.of_edges(np.flatnonzero(part[self.tail] == number))
+
+    def seen_in(self, P: Array, gamma: float) -> "Moves":
+        """The moves divided by ``gamma ** steps``, in states whose Euclidean norms are ``x' P x`` at each node."""
+        T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
+        A = T[self.head] @ self.A @ np.linalg.inv(T)[self.tail] / gamma ** self.lengths[:, None, None]
+        return replace(self, A=A)
+
+    def lifted(self) -> "Moves":
+        """The same runs, with nodes that also remember the last move: the line graph."""
+        pairs = [(e, f) for e in range(len(self.tail)) for f in np.flatnonzero(self.tail == self.head[e]).tolist()]
+        before, after = (np.array(side, dtype=np.intp) for side in zip(*pairs, strict=True))
+        places = tuple(self.places[v] for v in self.head)
+        words = tuple(self.words[f] for f in after)
+        return Moves(places, before, after, self.A[after], words, self.lengths[after])
+
+
+def _choices(graph: SwitchingGraph) -> list[int]:
+    """The nodes with a choice, and one on every way that goes round without."""
+    allowed = graph.successor >= 0
+    kept = set(np.flatnonzero(allowed.sum(axis=1) > 1).tolist())
+    passed: set[int] = set()
+    for v in range(len(graph)):
+        way: list[int] = []
+        while v not in kept and v not in passed:
+            passed.add(v)
+            way.append(v)
+            v = int(graph.successor[v].argmax())
+        if v in way:
+            kept.add(v)
+    return sorted(kept)
