@@ -1,19 +1,15 @@
 """Write a certificate of a schedule: what it costs at most, and what every schedule costs at least."""
 
-import json
 import math
-import os
 import time
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from switchctl.certificates import check
-from switchctl.files import FormatError, read_document, write_text
-from switchctl.moments import Array, smat
+from switchctl.certificates.certificate import Certificate, exact
+from switchctl.moments import smat
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.search import Search
 from switchctl.result import Schedule
@@ -24,128 +20,8 @@ _LARGEST = 20_000  # nodes and choices of a graph
 _FIRST = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
-    """A claim about the least cost of a switching problem, with what it takes to check it.
-
-    Parameters
-    ----------
-    document : dict
-        Data, claim and witness, as the file has them.
-
-    Examples
-    --------
-    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
-    >>> found = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Refine())
-    >>> certificate = certify(found, gap=1e-5)
-    >>> certificate.check()
-    >>> print(round(certificate.lower, 3), round(certificate.upper, 3))
-    14.442 14.442
-    """
-
-    document: dict[str, Any]
-
-    @property
-    def lower(self) -> float:
-        """What every run costs at least."""
-        return float.fromhex(self.document["claim"]["lower"])
-
-    @property
-    def upper(self) -> float:
-        """What the run given costs at most."""
-        return float.fromhex(self.document["claim"]["upper"])
-
-    @property
-    def gap(self) -> float:
-        """``1 - lower / upper``."""
-        return 1 - self.lower / self.upper if self.upper > 0 else 0.0
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Certificate":
-        """Read what `save` wrote; `check` decides it.
-
-        Parameters
-        ----------
-        path : path-like
-            The file to read.
-
-        Returns
-        -------
-        Certificate
-
-        Raises
-        ------
-        FormatError
-            If the file is no certificate.
-        """
-        document = read_document(path, "certificate", check.VERSION)
-        try:
-            certificate = cls(document)
-            repr(certificate)
-        except (LookupError, TypeError, ValueError) as error:
-            raise FormatError(f"{path} is a damaged certificate: {error}") from None
-        return certificate
-
-    def check(self) -> None:
-        """Decide the claim in exact arithmetic, as ``check.py`` does.
-
-        Raises
-        ------
-        switchctl.certificates.check.Rejected
-            If it isn't proven.
-        """
-        check.check(self.document)
-
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write it as JSON, for ``python check.py PATH``.
-
-        Parameters
-        ----------
-        path : path-like
-            The file to write.
-
-        Returns
-        -------
-        pathlib.Path
-        """
-        return write_text(path, json.dumps(self.document, allow_nan=False))
-
-    def __repr__(self) -> str:
-        count = len(self.document["witness"]["tree"])
-        return (
-            f"Certificate: the least cost lies between {self.lower:.8g} and {self.upper:.8g} (gap {self.gap:.2g}), "
-            f"{count} prefix{'es' * (count != 1)}"
-        )
-
-
-def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time_limit: float = 60.0) -> Certificate:
-    """Prove how near to the optimum a schedule is, in a form that can be checked without this package.
-
-    Any method's schedule will do; near the optimum the proof is short. Where the gap would take a tree of more
-    prefixes, or more time, the claim is what can be proven within them.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        The schedule, of finite cost. The stage weights must be positive definite.
-    gap : float, optional
-        The gap to prove, as a fraction of the cost.
-    prefixes : int, optional
-        The most prefixes in the tree. The checker takes up to a millisecond for each step of each.
-    time_limit : float, optional
-        Seconds for the search.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong kind or value, the schedule's cost is infinite, or a stage weight is singular.
-    """
-    if not isinstance(schedule, Schedule):
-        raise TypeError(f"schedule must be a Schedule, not a {type(schedule).__name__}")
+def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) -> Certificate:
+    """Prove how near to the optimum a schedule is; see `certify`."""
     gap, time_limit = number(gap, "gap"), number(time_limit, "time_limit")
     prefixes = whole_number(prefixes, "prefixes")
     if not (0 < gap < 1 and time_limit > 0):
@@ -163,8 +39,7 @@ def certify(schedule: Schedule, gap: float = 1e-3, prefixes: int = 100_000, time
     problem = check.Problem(data)  # the claim is what the checker finds proven, rounded outward
     lower, upper = float(check.proven_lower(problem, witness)), float(check.proven_upper(problem, witness))
     claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
-    document = {"format": "switchctl certificate", "version": check.VERSION, "data": data, "claim": claim}
-    return Certificate({**document, "witness": witness, "sha256": check.digest(data)})
+    return Certificate.of("optimum", data, claim, witness)
 
 
 class _Writer:
@@ -319,8 +194,3 @@ class _Writer:
             "word": word,
             "tail": exact(self.decisions.plain_cost(P) * dk),
         }
-
-
-def exact(matrix: Array) -> list[list[str]]:
-    """A matrix in hexadecimal numbers."""
-    return [[float(entry).hex() for entry in row] for row in matrix]

@@ -286,6 +286,7 @@ class _Search:
 
     def _improve(self, way: str, upper: float, moves: Moves, P: Array, tree: Any = ()) -> None:
         """Keep an upper bound that is lower."""
+        upper = float(upper)
         self.bounds[way] = min(upper, self.bounds.get(way, np.inf))
         if upper < self.upper or not self.bounds:
             self.upper, self.norms = upper, Norms(moves, P, list(tree))

@@ -1,0 +1,154 @@
+"""A certificate: a claim with its data and its witness, as JSON, which `check.py` decides by itself."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from switchctl.certificates import check
+from switchctl.files import FormatError, read_document, write_text
+from switchctl.moments import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A claim with what it takes to check it.
+
+    Parameters
+    ----------
+    document : dict
+        Data, claim and witness, as the file has them.
+
+    Examples
+    --------
+    >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
+    >>> found = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Refine())
+    >>> certificate = certify(found, gap=1e-5)
+    >>> certificate.check()
+    >>> print(round(certificate.lower, 3), round(certificate.upper, 3))
+    14.442 14.442
+    """
+
+    document: dict[str, Any]
+
+    @classmethod
+    def of(cls, kind: str, data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> "Certificate":
+        """Seal a claim: with the sha256 of its data, and of itself with its witness.
+
+        Parameters
+        ----------
+        kind : str
+            What is claimed: one of `check.KINDS`.
+        data, claim, witness : dict
+            As the file has them.
+
+        Returns
+        -------
+        Certificate
+        """
+        head = {"format": "switchctl certificate", "version": check.VERSION, "kind": kind}
+        seals = {"sha256": check.digest(data), "sha256_of_proof": check.digest([claim, witness])}
+        return cls({**head, "data": data, "claim": claim, "witness": witness, **seals})
+
+    @property
+    def kind(self) -> str:
+        """What is claimed: "optimum", "joint spectral radius", "dwell time", .."""
+        return str(self.document["kind"])
+
+    @property
+    def claim(self) -> dict[str, Any]:
+        """The claim, in numbers."""
+        return {key: _number(value) for key, value in self.document["claim"].items()}
+
+    @property
+    def lower(self) -> float:
+        """The lower bound claimed: of the least cost, or of a growth."""
+        return float(self.claim["lower"])
+
+    @property
+    def upper(self) -> float:
+        """The upper bound claimed."""
+        return float(self.claim["upper"])
+
+    @property
+    def gap(self) -> float:
+        """``1 - lower / upper``."""
+        return 1 - self.lower / self.upper if self.upper > 0 else 0.0
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Certificate":
+        """Read what `save` wrote; `check` decides it.
+
+        Parameters
+        ----------
+        path : path-like
+            The file to read.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        FormatError
+            If the file is no certificate.
+        """
+        document = read_document(path, "certificate", check.VERSION)
+        try:
+            certificate = cls(document)
+            repr(certificate)
+        except (LookupError, TypeError, ValueError) as error:
+            raise FormatError(f"{path} is a damaged certificate: {error}") from None
+        return certificate
+
+    def check(self) -> None:
+        """Decide the claim in exact arithmetic, as ``check.py`` does.
+
+        Raises
+        ------
+        switchctl.certificates.check.Rejected
+            If it isn't proven.
+        """
+        check.check(self.document)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write it as JSON, for ``python check.py PATH``.
+
+        Parameters
+        ----------
+        path : path-like
+            The file to write.
+
+        Returns
+        -------
+        pathlib.Path
+        """
+        return write_text(path, json.dumps(self.document, allow_nan=False))
+
+    def __repr__(self) -> str:
+        return f"Certificate: {self._statement()}"
+
+    def _statement(self) -> str:
+        claim, witness = self.claim, self.document["witness"]
+        if self.kind == "optimum":
+            count = len(witness["tree"])
+            prefixes = f"{count} prefix{'es' * (count != 1)}"
+            return f"the least cost lies between {self.lower:.8g} and {self.upper:.8g} (gap {self.gap:.2g}), {prefixes}"
+        if self.kind == "joint spectral radius":
+            return f"the joint spectral radius lies between {self.lower:.10g} and {self.upper:.10g}"
+        if self.kind == "mean square":
+            return f"the root of the mean square grows by {self.lower:.10g} to {self.upper:.10g} a step"
+        parts = [f"every signal with {self.kind} {claim['stable']} is stable"] if claim["stable"] is not None else []
+        parts += [f"one with {claim['unstable']} is not"] if claim["unstable"] is not None else []
+        return ", ".join(parts)
+
+
+def _number(value: Any) -> Any:
+    """A hexadecimal number as a float; anything else as it is."""
+    return float.fromhex(value) if isinstance(value, str) else value
+
+
+def exact(matrix: Array) -> list[list[str]]:
+    """A matrix in hexadecimal numbers."""
+    return [[float(entry).hex() for entry in row] for row in matrix]

@@ -1,0 +1,60 @@
+"""Certify: write the certificate of whatever was found."""
+
+from switchctl.certificates.certificate import Certificate
+from switchctl.certificates.growth import average_dwell_time, dwell_time, joint_spectral_radius
+from switchctl.certificates.optimum import optimum
+from switchctl.result import Schedule
+from switchctl.stability import AverageDwellTime, DwellTime, DwellTimes, JointSpectralRadius
+
+Found = Schedule | JointSpectralRadius | DwellTime | DwellTimes | AverageDwellTime
+
+
+def certify(
+    found: Found, gap: float | None = None, prefixes: int | None = None, time_limit: float | None = None
+) -> Certificate:
+    """Prove what was found, in a form that can be checked without this package.
+
+    Of a schedule, how near to the optimum it is: any method's will do; near the optimum the proof is short, and where
+    the gap would take a tree of more prefixes, or more time, the claim is what can be proven within them. Of what
+    `switchctl.stability` found, its bounds and verdicts; the bounds claimed are loosened by as little as they need to
+    hold in exact arithmetic.
+
+    Parameters
+    ----------
+    found : Schedule or a result of switchctl.stability
+        What to prove. A schedule must be of finite cost, with positive definite stage weights.
+    gap : float, optional
+        Of a schedule: the gap to prove, as a fraction of the cost; 1e-3 by default.
+    prefixes : int, optional
+        Of a schedule: the most prefixes in the tree, 100,000 by default. The checker takes up to a millisecond for
+        each step of each.
+    time_limit : float, optional
+        Of a schedule: seconds for the search, 60 by default.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or value, the schedule's cost is infinite, a stage weight is singular, or a
+        bound doesn't hold in exact arithmetic.
+    """
+    if isinstance(found, Schedule):
+        return optimum(
+            found,
+            1e-3 if gap is None else gap,
+            100_000 if prefixes is None else prefixes,
+            60.0 if time_limit is None else time_limit,
+        )
+    for name, value in (("gap", gap), ("prefixes", prefixes), ("time_limit", time_limit)):
+        if value is not None:
+            raise ValueError(f"{name} is {value!r}, but it is for schedules; leave it out")
+    if isinstance(found, JointSpectralRadius):
+        return joint_spectral_radius(found)
+    if isinstance(found, DwellTime | DwellTimes):
+        return dwell_time(found)
+    if isinstance(found, AverageDwellTime):
+        return average_dwell_time(found)
+    raise TypeError(f"found must be a Schedule or a result of switchctl.stability, not a {type(found).__name__}")
