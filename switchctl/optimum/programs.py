@@ -13,9 +13,15 @@ _ROUNDING = np.finfo(float).eps
 _FEASIBLE = 1e-10
 
 
-def solution(
-    objective: Array, matrix: Any, vector: Array, cones: list[Any], quadratic: Any = None, feasible: float | None = None
-) -> Array | None:
+def primal_and_dual(
+    objective: Array,
+    matrix: Any,
+    vector: Array,
+    cones: list[Any],
+    quadratic: Any = None,
+    feasible: float | None = None,
+    gap: float | None = None,
+) -> tuple[Array, Array] | None:
     """What the solver returns for a conic program, not to be trusted; None if it fails or returns no finite numbers."""
     import clarabel
 
@@ -24,14 +30,26 @@ def solution(
     settings.verbose, settings.max_threads = False, 1
     if feasible is not None:
         settings.tol_feas = feasible
+    if gap is not None:
+        settings.tol_gap_abs = settings.tol_gap_rel = gap
     quadratic = sparse.csc_matrix((size, size)) if quadratic is None else quadratic
     try:
-        found = np.array(clarabel.DefaultSolver(quadratic, objective, matrix, vector, cones, settings).solve().x)
+        found = clarabel.DefaultSolver(quadratic, objective, matrix, vector, cones, settings).solve()
+        primal, dual = np.array(found.x), np.array(found.z)
     except KeyboardInterrupt:
         raise
     except BaseException:  # a panic of the solver is no Exception
         return None
-    return found if found.shape == (size,) and np.isfinite(found).all() else None
+    right = primal.shape == (size,) and dual.shape == vector.shape
+    return (primal, dual) if right and np.isfinite(primal).all() and np.isfinite(dual).all() else None
+
+
+def solution(
+    objective: Array, matrix: Any, vector: Array, cones: list[Any], quadratic: Any = None, feasible: float | None = None
+) -> Array | None:
+    """The primal part of `primal_and_dual`."""
+    found = primal_and_dual(objective, matrix, vector, cones, quadratic, feasible)
+    return None if found is None else found[0]
 
 
 class Program:
