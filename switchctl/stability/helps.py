@@ -8,13 +8,13 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
-from switchctl.gramians import transform, word_tail
+from switchctl.gramians import tail, transform, word_tail
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.methods.optimal import OPTIMAL, Optimal
 from switchctl.modes import ModeSet
-from switchctl.moments import Array
+from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.upper import contracting_walk
 from switchctl.result import Schedule
@@ -24,7 +24,7 @@ from switchctl.tables import html_table, tree
 from switchctl.validation import frozen
 from switchctl.values import require_plain_total
 
-_DOUBLINGS = 47
+_LONGEST = 2**47
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,7 +99,7 @@ class SwitchingHelp:
             ("why", self.why),
             (
                 "saves",
-                "" if self.helps is False or self.gain == 1 else f"at most {_percent(self.gain)}, from any state",
+                "" if self.gain in (0, 1) else f"at most {_percent(self.gain)}, from any state",
             ),
             ("dominant", "" if self.dominant is None else names[self.dominant]),
             ("paper's test", "names none" if self.paper_test is None else f"names {names[self.paper_test]}"),
@@ -180,10 +180,11 @@ def does_switching_help(
 
 
 def _decided(modes: ModeSet) -> SwitchingHelp:
+    if len(modes) == 1:
+        own = {} if modes.tails[0] is None else {(0, 0): frozen(np.ones(1))}
+        return SwitchingHelp(modes, False, "there is one mode", 0.0, own, 0 if own else None)
     if all(P is None for P in modes.tails):
         return _by_word(modes)
-    if len(modes) == 1:
-        return SwitchingHelp(modes, False, "there is one mode", 0.0, {(0, 0): frozen(np.ones(1))}, 0)
     pairs, verdicts = Pairs(modes), dict[tuple[int, int], Verdict]()
     try:
         for i, q in tqdm(pairs.all(), desc="pairs of modes", delay=2, leave=False):
@@ -210,13 +211,13 @@ def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verd
     vanishes, _ = pairs.window
     if not vanishes:
         return replace(told, why="a run may cost little and not come to rest: the weights don't see every state")
-    dominant = next((p for p in range(len(finite)) if _share(pairs, _dominance(pairs, p)) <= OPTIMAL), None)
-    gains = [_share(pairs, {pair: verdict.violation for pair, verdict in verdicts.items()})]
-    gains += [] if dominant is None else [_share(pairs, _dominance(pairs, dominant))]
-    told = replace(told, gain=min(gains))
+    by_one = [_share(pairs, _dominance(pairs, p)) for p in range(len(finite))]
+    dominant = int(np.argmin(by_one))
+    by_pairs = _share(pairs, {pair: verdict.violation for pair, verdict in verdicts.items()})
+    told = replace(told, gain=min(by_pairs, *by_one))
     if told.gain > OPTIMAL:
         return replace(told, why="what switching may save is within the accuracy of the solver or of rounding")
-    if dominant is None:
+    if by_one[dominant] > OPTIMAL:
         return replace(told, helps=False, why="no step of another mode helps, whatever the initial state")
     name = modes.names[finite[dominant]]
     why = f"{name} is the best mode from every initial state"
@@ -254,7 +255,7 @@ def _witness(found: SwitchingHelp, pairs: Pairs, verdicts: Mapping[tuple[int, in
         share = 1 - cost / float(single.min())
         if not (certain > 0 and share > saved and positive_definite(scaled)):
             continue
-        outlasted = _outlasted(modes, S, float(single.min()))
+        outlasted = _outlasted(modes, pairs.A, pairs.Q, scaled, float(single.min()))
         if outlasted is None:
             continue
         saved, pair = share, (i, pairs.finite[q])
@@ -273,18 +274,33 @@ def _witness(found: SwitchingHelp, pairs: Pairs, verdicts: Mapping[tuple[int, in
     return best
 
 
-def _outlasted(modes: ModeSet, S: Array, cost: float) -> Mapping[int, int] | None:
-    """Steps within which each mode without a tail costs more than that; None where one doesn't."""
-    found = {}
-    for i in (i for i, P in enumerate(modes.tails) if P is None):
-        G, M, steps = modes.Q[i], modes.A[i], 1
-        with np.errstate(over="ignore", invalid="ignore"):
-            while not np.sum(G * S) > 2 * cost:
-                if steps >= 2**_DOUBLINGS or not np.isfinite(M).all():
-                    return None
-                G, M, steps = G + transform(M, G), M @ M, 2 * steps
-        found[i] = steps
-    return MappingProxyType(found)
+def _outlasted(modes: ModeSet, A: Array, Q: Array, S: Array, cost: float) -> Mapping[int, int] | None:
+    """Steps within which each mode without a tail costs more than that; None where one isn't seen to."""
+    found = {i: _steps_beyond(A[i], Q[i], S, cost) for i, P in enumerate(modes.tails) if P is None}
+    known = {i: steps for i, steps in found.items() if steps is not None}
+    return MappingProxyType(known) if len(known) == len(found) else None
+
+
+def _steps_beyond(A: Array, Q: Array, S: Array, cost: float) -> int | None:
+    """A number of steps of a mode that cost more than that for certain, by doubling."""
+    fit = tail(A / (1.01 * float(np.abs(np.linalg.eigvals(A)).max())), np.eye(len(A)))
+    assert fit is not None
+    T: Array = np.linalg.cholesky(fit).T.astype(float)  # states in which powers grow little more than they must
+    back = np.linalg.inv(T)
+    A, Q, S = T @ A @ back, transform(back, Q), T @ S @ T.T
+    unit = 4 * (len(A) + 2) * float(np.finfo(float).eps)
+    moved, wrong = (2 * unit * float(np.linalg.cond(T) * np.linalg.norm(X, 2)) for X in (A, Q))  # errors of M and G
+    G, M, steps = Q, A, 1
+    with np.errstate(over="ignore", invalid="ignore"):
+        while not np.sum(G * S) - wrong * np.trace(S) > 2 * cost:
+            if not (steps < _LONGEST and np.isfinite(G).all() and np.isfinite(M).all() and np.isfinite(wrong)):
+                return None
+            weight, size = float(np.linalg.norm(G, 2)), float(np.linalg.norm(M, 2))
+            square, doubt = size * size, moved * (2 * size + moved)
+            wrong += wrong * (square + doubt) + weight * (doubt + unit * (1 + square))
+            moved = doubt + unit * square
+            G, M, steps = G + transform(M, G), M @ M, 2 * steps
+    return steps
 
 
 def _by_word(modes: ModeSet) -> SwitchingHelp:
@@ -295,7 +311,8 @@ def _by_word(modes: ModeSet) -> SwitchingHelp:
     P = word_tail(modes.A, modes.Q, word) if word else None
     S = np.eye(modes.A.shape[-1])
     cost = None if P is None else float(np.sum(P * S))
-    outlasted = None if cost is None else _outlasted(modes, S, cost)
+    scaled = smat(decisions.scaled(S))
+    outlasted = None if cost is None else _outlasted(modes, decisions.A, decisions.Q, scaled, cost)
     if outlasted is None:
         return SwitchingHelp(modes, None, "no mode costs finitely much, and no word of modes that does was found")
     names = " ".join(modes.names[mode] for mode in word)

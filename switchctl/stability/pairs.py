@@ -207,6 +207,8 @@ class Pairs:
 
 def positive_definite(S: Array) -> bool:
     """Whether a matrix is positive definite for certain."""
+    if not (np.diag(S) > 0).all():
+        return False
     try:
         return _least(S, np.abs(S), _inverse_root(S)) > 0
     except np.linalg.LinAlgError:
