@@ -155,7 +155,7 @@ def does_switching_help(
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
     >>> found = does_switching_help(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)))
     >>> found.helps, found.pair
-    (True, (1, 0))
+    (True, (0, 1))
     >>> print(round(found.saves_at_least, 3))
     0.515
     >>> does_switching_help(ModeSet([[[0.5]], [[0.9]]]))
@@ -283,10 +283,13 @@ def _outlasted(modes: ModeSet, A: Array, Q: Array, S: Array, cost: float) -> Map
 
 def _steps_beyond(A: Array, Q: Array, S: Array, cost: float) -> int | None:
     """A number of steps of a mode that cost more than that for certain, by doubling."""
-    fit = tail(A / (1.01 * float(np.abs(np.linalg.eigvals(A)).max())), np.eye(len(A)))
+    try:
+        fit = tail(A / (1.01 * float(np.abs(np.linalg.eigvals(A)).max())), np.eye(len(A)))
+    except np.linalg.LinAlgError:
+        return None
     assert fit is not None
     T: Array = np.linalg.cholesky(fit).T.astype(float)  # states in which powers grow little more than they must
-    back = np.linalg.inv(T)
+    back: Array = np.linalg.inv(T).astype(float)
     A, Q, S = T @ A @ back, transform(back, Q), T @ S @ T.T
     unit = 4 * (len(A) + 2) * float(np.finfo(float).eps)
     moved, wrong = (2 * unit * float(np.linalg.cond(T) * np.linalg.norm(X, 2)) for X in (A, Q))  # errors of M and G
