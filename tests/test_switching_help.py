@@ -1,5 +1,6 @@
 """Whether switching helps at all, against enumeration of words, each followed by every tail."""
 
+import mpmath
 import numpy as np
 import pytest
 from enumeration import held_costs
@@ -254,6 +255,34 @@ def test_modes_that_are_next_to_equal(apart):
     if apart < 1e-13:
         assert found.helps is not True
     check(found, rng)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_little_help_is_never_claimed_wrongly(seed):
+    """In 50 digits, where the difference is of the size of rounding."""
+    rng = np.random.default_rng(500 + seed)
+    A = random_modes(rng, 3, 1, (0.5, 0.99))[0]
+    modes = ModeSet([A, A + 10 ** rng.uniform(-17, -11) * rng.standard_normal((3, 3))])
+    found = does_switching_help(modes)
+    if not found.helps:
+        return
+    with mpmath.workdps(50):
+        A, S = [mpmath.matrix(A.tolist()) for A in modes.A], mpmath.matrix(found.moment.tolist())
+        tails = [exact_tail(Ai) for Ai in A]
+        i, q = found.pair
+        M = mpmath.eye(3) + A[i].T * tails[q] * A[i]
+        assert trace(M * S) < min(trace(P * S) for P in tails)
+
+
+def exact_tail(A):
+    P, M = mpmath.eye(A.rows), A
+    while mpmath.norm(M) > mpmath.mpf(10) ** -60:
+        P, M = P + M.T * P * M, M * M
+    return P
+
+
+def trace(X):
+    return mpmath.fsum(X[k, k] for k in range(X.rows))
 
 
 def test_a_little_help_is_seen():

@@ -157,7 +157,7 @@ def does_switching_help(
     >>> found.helps, found.pair
     (True, (0, 1))
     >>> print(round(found.saves_at_least, 3))
-    0.515
+    0.274
     >>> does_switching_help(ModeSet([[[0.5]], [[0.9]]]))
     SwitchingHelp: no
     ├── why           A0 is the best mode from every initial state
