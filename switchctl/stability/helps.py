@@ -187,7 +187,7 @@ def _decided(modes: ModeSet) -> SwitchingHelp:
         return _by_word(modes)
     pairs, verdicts = Pairs(modes), dict[tuple[int, int], Verdict]()
     try:
-        for i, q in tqdm(pairs.all(), desc="pairs of modes", delay=2, leave=False):
+        for i, q in tqdm(pairs.different(), desc="pairs of modes", delay=2, leave=False):
             verdicts[i, q] = pairs.decide(i, q)
     except KeyboardInterrupt:
         pass
@@ -206,8 +206,8 @@ def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verd
         whole[finite] = alpha
         combinations[i, finite[q]] = frozen(whole)
     told = SwitchingHelp(modes, None, "", 1.0, MappingProxyType(combinations))
-    if len(verdicts) < len(pairs.all()):
-        return replace(told, why=f"interrupted after {len(verdicts)} of {len(pairs.all())} pairs of modes")
+    if len(verdicts) < len(pairs.different()):
+        return replace(told, why=f"interrupted after {len(verdicts)} of {len(pairs.different())} pairs of modes")
     vanishes, _ = pairs.window
     if not vanishes:
         return replace(told, why="a run may cost little and not come to rest: the weights don't see every state")

@@ -9,6 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from switchctl.gramians import tail, transform
@@ -111,27 +112,20 @@ class Pairs:
 
     def decide(self, i: int, q: int) -> Verdict:
         """Find the combination for a step of mode i and then the q-th tail, or the moment that there is instead."""
-        M, single = self.Q[i] + self.ahead[i, q], np.eye(len(self.P))
-        states = np.diag(M + self.P.sum(axis=0)) > 0
-        kept = np.ix_(states, states)
-        if not states.any():
-            return Verdict(single[q], 0.0, None)
-        root = _inverse_root(_regular((M + 1e-6 * self.P.mean(axis=0))[kept]))
-        relative = np.array([root @ P[kept] @ root.T for P in self.P])
-        order = np.argsort(np.linalg.eigvalsh(relative)[:, -1], kind="stable")
-        if self.holds(i, q, single[order[0]]):
-            return Verdict(single[order[0]], 0.0, None)
-        found = _combination(relative, root @ M[kept] @ root.T)
-        alphas = [single[p] for p in order]
-        moment = None
+        M = self.Q[i] + self.ahead[i, q]
+        root, kept = self._units(i, q)
+        P, single = np.array([root @ P[kept] @ root.T for P in self.P]), np.eye(len(self.P))
+        order = np.argsort([np.linalg.eigvalsh(relative)[-1:].sum() for relative in P], kind="stable")
+        alphas, moment = [single[p] for p in order], None
+        if self.holds(i, q, alphas[0]):
+            return Verdict(alphas[0], 0.0, None)
+        found = _combination(P, root @ M[kept] @ root.T)
         if found is not None:
-            if self.holds(i, q, found[0]):
-                return Verdict(found[0], 0.0, None)
             alphas.append(found[0])
-            moment = self._mixed(found[1], relative, root @ M[kept] @ root.T)
-            whole = np.diag(np.where(states, 0.0, 1.0))
-            whole[kept] = root.T @ moment @ root
-            moment = whole
+            if self.holds(i, q, alphas[-1]):
+                return Verdict(alphas[-1], 0.0, None)
+            moment = np.eye(len(M))
+            moment[kept] = root.T @ _mixed(found[1], P, root @ M[kept] @ root.T) @ root
         weights = self.window[1]
         if weights is None:
             return Verdict(alphas[-1], np.inf, moment)
@@ -142,18 +136,12 @@ class Pairs:
         best = int(np.argmin(violations))
         return Verdict(alphas[best], violations[best], moment)
 
-    def _mixed(self, S: Array, P: Array, M: Array) -> Array:
-        """A moment moved into the cone as far as that leaves what it saves next to unchanged."""
-        weights, vectors = np.linalg.eigh(S)
-        S, centre = (vectors * np.maximum(weights, 0.0)) @ vectors.T, np.eye(len(S)) / len(S)
-
-        def saved(S: Array) -> float:
-            return 1 - float(np.sum(M * S) / np.min(np.sum(P * S, axis=(1, 2))))
-
-        share = 1e-2
-        while share > 1e-9 and not saved((1 - share) * S + share * centre) >= 0.99 * saved(S):
-            share /= 10
-        return (1 - share) * S + share * centre
+    def _units(self, i: int, q: int) -> tuple[Array, tuple[NDArray[np.intp], ...]]:
+        """T with ``T M T' = I``, nearly, on the states that M or some tail sees, and these states."""
+        X = self.Q[i] + self.ahead[i, q] + 1e-6 * self.P.mean(axis=0)
+        states = np.flatnonzero(np.diag(X))
+        kept = np.ix_(states, states)
+        return _inverse_root(X[kept] + 1e-12 * np.diag(np.diag(X[kept]))), kept
 
     def residual(self, i: int, q: int, alpha: Array) -> tuple[Array, Array]:
         """``M - sum_p alpha_p P_p``, and the size of what is added up in it."""
@@ -165,10 +153,9 @@ class Pairs:
         """Whether the combination is below M for certain, of the true tails."""
         left, size = self.residual(i, q, alpha)
         wrong = self.ahead_error[i, q] + np.tensordot(alpha, self.error, 1)
-        states = np.diag(size) > 0
-        kept = np.ix_(states, states)
-        root = _inverse_root(_regular((self.Q[i] + self.ahead[i, q] + 1e-6 * self.P.mean(axis=0))[kept]))
-        return _least((left - wrong)[kept], (size + wrong)[kept], root) > 0
+        root, kept = self._units(i, q)
+        nowhere_else = np.count_nonzero(np.diag(size + wrong)) == len(root)
+        return nowhere_else and _least((left - wrong)[kept], (size + wrong)[kept], root) > 0
 
     def violation(self, i: int, q: int, alpha: Array) -> float:
         """The r for which the combination of the computed tails is below ``M + r W_i`` for certain."""
@@ -200,7 +187,7 @@ class Pairs:
         doubt = np.sum(self.error * S, axis=(1, 2)) + rounding * np.sum(np.abs(self.P) * np.abs(S), axis=(1, 2))
         return cost, single, float(np.min(single - doubt) - above)
 
-    def all(self) -> list[tuple[int, int]]:
+    def different(self) -> list[tuple[int, int]]:
         """The pairs of different modes: the first mode, and the place of the second among the tails."""
         return [(i, q) for i, q in product(range(len(self.A)), range(len(self.P))) if i != self.finite[q]]
 
@@ -213,6 +200,20 @@ def positive_definite(S: Array) -> bool:
         return _least(S, np.abs(S), _inverse_root(S)) > 0
     except np.linalg.LinAlgError:
         return False
+
+
+def _mixed(S: Array, P: Array, M: Array) -> Array:
+    """A moment moved into the cone as far as that leaves what it saves next to unchanged."""
+    weights, vectors = np.linalg.eigh(S)
+    S, centre = (vectors * np.maximum(weights, 0.0)) @ vectors.T, np.eye(len(S)) / len(S)
+
+    def saved(S: Array) -> float:
+        return 1 - float(np.sum(M * S) / np.min(np.sum(P * S, axis=(1, 2))))
+
+    share = 1e-2
+    while share > 1e-9 and not saved((1 - share) * S + share * centre) >= 0.99 * saved(S):
+        share /= 10
+    return (1 - share) * S + share * centre
 
 
 def _definite(S: Array) -> bool:
@@ -240,12 +241,6 @@ def _inverse_root(X: Array) -> Array:
     """T with ``T X T' = I``, about."""
     unit = 1 / np.sqrt(np.diag(X))
     return np.linalg.inv(np.linalg.cholesky(X * np.outer(unit, unit))) * unit
-
-
-def _regular(X: Array) -> Array:
-    """A semidefinite matrix made a little more definite, for a change of coordinates."""
-    size = np.diag(X)
-    return X + 1e-12 * np.diag(np.where(size > 0, size, 1.0))
 
 
 def _least(X: Array, size: Array, T: Array) -> float:
