@@ -1,0 +1,190 @@
+"""Values that fall at every step of a run by a share of themselves: what makes a policy stable."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import solve_triangular
+
+from switchctl.graph import SwitchingGraph
+from switchctl.methods.base import TIE
+from switchctl.moments import Array, svec
+from switchctl.optimum.minorants import below
+from switchctl.optimum.programs import solution
+from switchctl.stability.growth import definite
+
+_WALKS = 1024  # of as many steps as are looked at, from all nodes
+_EPS = np.finfo(float).eps
+
+
+@dataclass(frozen=True, eq=False)
+class Fall:
+    """A value that falls: ``V(k + steps) <= (1 - share) V(k)`` along every run of a policy, but for rounding.
+
+    Parameters
+    ----------
+    P : dict of int to array, shape (r, n, n)
+        By node of the graph, quadratics whose least bounds the value from above, ``V(S) <= min_p tr(P_p S)``.
+    weights : dict of int to array, shape (walks, n, n)
+        By node, a matrix below what each walk of so many steps costs, different ones.
+    mixes : dict of int to array, shape (walks, r)
+        Rows of nonnegative numbers that add up to 1, with ``weight >= share * sum_p mix_p P_p``.
+    share : float
+        The share.
+    steps : int
+        The steps.
+    """
+
+    P: dict[int, Array]
+    weights: dict[int, Array]
+    mixes: dict[int, Array]
+    share: float
+    steps: int
+
+
+class Walks(NamedTuple):
+    """Matrices below what walks of some steps cost, by node; all of them positive definite."""
+
+    steps: int
+    weights: dict[int, Array]
+
+
+def seen_within(graph: SwitchingGraph, nodes: Iterable[int]) -> Walks | None:
+    """The least number of steps whose cost, whichever they are, sees every state; None where none is found.
+
+    Parameters
+    ----------
+    graph : SwitchingGraph
+        The graph.
+    nodes : iterable of int
+        The nodes that are visited; moves elsewhere are not taken.
+
+    Returns
+    -------
+    Walks or None
+        In the unit of W2, as discounted.
+    """
+    modes, inside = graph.modes, set(nodes)
+    n, g = modes.A.shape[-1], modes.discount
+    moves = [edge for edge in graph.edges() if edge.tail in inside and edge.head in inside]
+    each = {v: np.zeros((1, n, n)) for v in inside}
+    steps = 0
+    while True:
+        found: dict[int, dict[bytes, Array]] = {v: {} for v in inside}
+        for edge in moves:
+            for L in each[edge.head]:
+                Q = edge.Q / modes.dk
+                weight = below(Q, np.sqrt(g) * edge.A, L) if steps else Q
+                found[edge.tail][weight.tobytes()] = weight
+        each = {v: np.array(list(weights.values())) for v, weights in found.items()}
+        steps += 1
+        if all(definite(weights, 4 * _EPS * np.abs(weights)) for weights in each.values()):
+            return Walks(steps, each)
+        if steps > n or sum(map(len, each.values())) * len(modes) > _WALKS:
+            return None
+
+
+def largest_share(Q: Array, P: Array) -> tuple[float, Array]:
+    """The greatest share for which some mean of quadratics satisfies ``share * sum_p a_p P_p <= Q``, checked.
+
+    Parameters
+    ----------
+    Q : array, shape (n, n)
+        A positive definite matrix.
+    P : array, shape (r, n, n)
+        Positive semidefinite ones.
+
+    Returns
+    -------
+    share : float
+        0 where rounding hides it.
+    mix : array, shape (r,)
+        The a_p.
+    """
+    unit = np.exp2(np.round(np.log2(np.diag(Q)) / 2))
+    scale = np.outer(unit, unit)
+    root = np.linalg.cholesky(Q / scale)
+    half = solve_triangular(root, P / scale, lower=True)
+    N = solve_triangular(root, np.swapaxes(half, -1, -2), lower=True)
+    N = (N + np.swapaxes(N, -1, -2)) / 2
+    tops = np.maximum(np.linalg.eigvalsh(N)[:, -1], 1e-30)
+    mixes = [np.eye(len(P))[int(tops.argmin())]]
+    if len(P) > 1 and (found := _mix(N / tops.min())) is not None:
+        mixes.insert(0, found)
+    best = 0.0, mixes[-1]
+    for mix in mixes:
+        mean = np.tensordot(mix, P, 1)
+        share = 1 / max(float(np.linalg.eigvalsh(np.tensordot(mix, N, 1))[-1]), 1e-30)
+        for slack in (1e-10, 1e-6, 1e-3):
+            trial = share * (1 - slack)
+            wrong = (len(P) + 8) * _EPS * (np.abs(Q) + trial * np.tensordot(mix, np.abs(P), 1))
+            if trial > best[0] and definite(Q - trial * mean, wrong):
+                best = trial, mix
+                break
+    return best
+
+
+def _mix(N: Array) -> Array | None:
+    """Numbers a, which add up to 1, with the least greatest eigenvalue of ``sum_p a_p N_p``."""
+    import clarabel
+
+    r, n, _ = N.shape
+    matrix = sparse.csc_matrix(np.concatenate([-np.eye(r), svec(N).T]))
+    vector = np.concatenate([np.zeros(r), svec(np.eye(n))])
+    found = solution(-np.ones(r), matrix, vector, [clarabel.NonnegativeConeT(r), clarabel.PSDTriangleConeT(n)])
+    if found is None or np.maximum(found, 0.0).sum() <= 0:
+        return None
+    found = np.maximum(found, 0.0)
+    return found / found.sum()
+
+
+def fall(walks: Walks, P: dict[int, Array]) -> Fall | None:
+    """The greatest share by which a value must fall that pays for every step; None where there is none.
+
+    Parameters
+    ----------
+    walks : Walks
+        What steps cost.
+    P : dict of int to array, shape (r, n, n)
+        By node, quadratics that bound the value from above.
+
+    Returns
+    -------
+    Fall or None
+    """
+    mixes, share = {}, 1.0
+    for v, weights in walks.weights.items():
+        found = [largest_share(Q, P[v]) for Q in weights]
+        mixes[v] = np.array([mix for _, mix in found])
+        share = min([share, *(each for each, _ in found)])
+    return Fall(P, walks.weights, mixes, share, walks.steps) if share > 0 else None
+
+
+def rounding(least: Sequence[Array], compared: Sequence[Array], residuals: Sequence[Array]) -> float:
+    """By what fraction of the value a choice may miss the least, ties and rounding included.
+
+    Parameters
+    ----------
+    least : sequence of arrays, shape (n, n)
+        Positive definite matrices, the least of which bounds the value from below.
+    compared : sequence of arrays, shape (n, n)
+        The matrices that choices are made by.
+    residuals : sequence of arrays, shape (n, n)
+        By how much these exceed what is promised.
+
+    Returns
+    -------
+    float
+        Infinite where rounding hides everything.
+    """
+    n = len(least[0])
+    unit = np.sqrt(np.mean([np.diag(P) for P in least], axis=0))
+    scale = np.outer(unit, unit)
+    floor = min(float(np.linalg.eigvalsh(P / scale)[0]) for P in least) - 8 * n * n * _EPS
+    if floor <= 0:
+        return np.inf
+    size = max(float(np.linalg.norm(M / scale)) for M in compared)
+    excess = max((float(np.linalg.norm(R / scale)) for R in residuals), default=0.0)
+    return 4 * TIE * max(1.0, size / floor) + (8 * n * n * _EPS * size + excess) / floor
