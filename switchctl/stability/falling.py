@@ -1,6 +1,6 @@
 """Values that fall at every step of a run by a share of themselves: what makes a policy stable."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ from switchctl.optimum.programs import solution
 from switchctl.stability.growth import definite
 
 _WALKS = 1024  # of as many steps as are looked at, from all nodes
+_STEPS = 64  # after which no more is seen
+_PROGRAMS = 64  # solved for more steps than needed
 _EPS = np.finfo(float).eps
 
 
@@ -35,6 +37,8 @@ class Fall:
         The share.
     steps : int
         The steps.
+    rate : float
+        What this makes of a state per step, rounding and discount included.
     """
 
     P: dict[int, Array]
@@ -42,6 +46,7 @@ class Fall:
     mixes: dict[int, Array]
     share: float
     steps: int
+    rate: float
 
 
 class Walks(NamedTuple):
@@ -51,8 +56,8 @@ class Walks(NamedTuple):
     weights: dict[int, Array]
 
 
-def seen_within(graph: SwitchingGraph, nodes: Iterable[int]) -> Walks | None:
-    """The least number of steps whose cost, whichever they are, sees every state; None where none is found.
+def walks(graph: SwitchingGraph, nodes: Iterable[int]) -> Iterator[Walks]:
+    """Matrices below what all walks of some steps cost, for those numbers of steps from which on they see every state.
 
     Parameters
     ----------
@@ -61,17 +66,17 @@ def seen_within(graph: SwitchingGraph, nodes: Iterable[int]) -> Walks | None:
     nodes : iterable of int
         The nodes that are visited; moves elsewhere are not taken.
 
-    Returns
-    -------
-    Walks or None
+    Yields
+    ------
+    Walks
         In the unit of W2, as discounted.
     """
     modes, inside = graph.modes, set(nodes)
     n, g = modes.A.shape[-1], modes.discount
     moves = [edge for edge in graph.edges() if edge.tail in inside and edge.head in inside]
     each = {v: np.zeros((1, n, n)) for v in inside}
-    steps = 0
-    while True:
+    steps, seen = 0, False
+    while steps == 0 or sum(len(each[edge.head]) for edge in moves) <= _WALKS:
         found: dict[int, dict[bytes, Array]] = {v: {} for v in inside}
         for edge in moves:
             for L in each[edge.head]:
@@ -81,9 +86,10 @@ def seen_within(graph: SwitchingGraph, nodes: Iterable[int]) -> Walks | None:
         each = {v: np.array(list(weights.values())) for v, weights in found.items()}
         steps += 1
         if all(definite(weights, 4 * _EPS * np.abs(weights)) for weights in each.values()):
-            return Walks(steps, each)
-        if steps > n or sum(map(len, each.values())) * len(modes) > _WALKS:
-            return None
+            seen = True
+            yield Walks(steps, each)
+        elif seen or steps > _STEPS:
+            return
 
 
 def largest_share(Q: Array, P: Array) -> tuple[float, Array]:
@@ -140,26 +146,37 @@ def _mix(N: Array) -> Array | None:
     return found / found.sum()
 
 
-def fall(walks: Walks, P: dict[int, Array]) -> Fall | None:
-    """The greatest share by which a value must fall that pays for every step; None where there is none.
+def fall(graph: SwitchingGraph, P: dict[int, Array], slack: float) -> Fall | None:
+    """The share by which a value must fall that pays for every step, over as many steps as make the best rate.
 
     Parameters
     ----------
-    walks : Walks
-        What steps cost.
+    graph : SwitchingGraph
+        The graph, some steps of which see every state.
     P : dict of int to array, shape (r, n, n)
-        By node, quadratics that bound the value from above.
+        By node that is visited, quadratics whose least bounds the value from above.
+    slack : float
+        By what fraction of the value a step may miss what is promised.
 
     Returns
     -------
     Fall or None
+        None where the value may not fall: because of rounding, or a discount.
     """
-    mixes, share = {}, 1.0
-    for v, weights in walks.weights.items():
-        found = [largest_share(Q, P[v]) for Q in weights]
-        mixes[v] = np.array([mix for _, mix in found])
-        share = min([share, *(each for each, _ in found)])
-    return Fall(P, walks.weights, mixes, share, walks.steps) if share > 0 else None
+    best = None
+    for steps, weights in walks(graph, P):
+        if best is not None and sum(map(len, weights.values())) > _PROGRAMS:
+            break
+        mixes, share = {}, 1.0
+        for v, of_walks in weights.items():
+            found = [largest_share(Q, P[v]) for Q in of_walks]
+            mixes[v] = np.array([mix for _, mix in found])
+            share = min([share, *(each for each, _ in found)])
+        left = (1 - share + 2 * steps * slack) / graph.modes.discount**steps
+        falling = Fall(P, weights, mixes, share, steps, left ** (1 / (2 * steps)))
+        if share > 0 and left < 1 and (best is None or falling.rate < best.rate):
+            best = falling
+    return best
 
 
 def rounding(least: Sequence[Array], compared: Sequence[Array], residuals: Sequence[Array]) -> float:

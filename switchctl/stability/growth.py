@@ -1,8 +1,8 @@
 """How fast second moments grow or fall at most and at least, each with a witness.
 
 ``T* P <= upper^2 P`` with P positive definite bounds every moment from above; ``T* H >= lower^2 H`` with a state x for
-which ``x' H x > 0`` shows one that grows that fast (docs/theory.md). Both are found in floating point, and returned only
-where the inequalities hold in spite of rounding.
+which ``x' H x > 0`` shows one that grows that fast (docs/theory.md). Both are found in floating point, and returned
+only where the inequalities hold in spite of rounding.
 """
 
 from collections.abc import Iterator, Sequence
@@ -86,14 +86,6 @@ class GrowthRate:
             return "stable"
         return "unstable" if self.lower >= 1 else "undecided"
 
-    @property
-    def constant(self) -> float:
-        """A number c with ``tr S(k) <= c upper^(2k) tr S(0)``, whatever the state and node at the start."""
-        eigenvalues = np.linalg.eigvalsh(self.P)
-        slack = 8 * len(self.P[0]) * _EPS * float(eigenvalues.max())
-        least = float(eigenvalues.min()) - slack
-        return (float(eigenvalues.max()) + slack) / least if least > 0 else np.inf
-
     def _facts(self) -> list[tuple[str, str]]:
         nodes, moves = len(self.P), len(self.moves)
         facts = [
@@ -150,6 +142,33 @@ def growth_rate(of: str, moves: Sequence[Move], nodes: int, noise: tuple[Array, 
             stationary = _stationary(operator, *noise)
     P, H, x = P / np.outer(unit, unit), H / np.outer(unit, unit), frozen(unit * x)
     return GrowthRate(of, lower, upper, tuple(moves), frozen(P), frozen(H), (node, x), stationary)
+
+
+def transient(moves: Sequence[Move], nodes: int, rate: float) -> float:
+    """A number c with ``tr S(k) <= c rate^(2k) tr S(0)``, whatever the state and node at the start.
+
+    Parameters
+    ----------
+    moves : sequence of Move
+        The moves.
+    nodes : int
+        How many nodes there are.
+    rate : float
+        A rate above that of the moves.
+
+    Returns
+    -------
+    float
+        Infinite where rounding hides it.
+    """
+    operator = MomentOperator(moves, nodes)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+        P = -operator.solve(rate**2, np.broadcast_to(np.eye(operator.n), (nodes, operator.n, operator.n)))
+        if not (np.isfinite(P).all() and falls(operator, P, rate**2)):
+            return np.inf
+        eigenvalues = np.linalg.eigvalsh(P)
+    least = float(eigenvalues.min()) - 8 * operator.n * _EPS * float(eigenvalues.max())
+    return float(eigenvalues.max()) / least * (1 + 1e-9) if least > 0 else np.inf
 
 
 def _upper(operator: MomentOperator, each: Array, ceiling: float) -> tuple[float, Array]:

@@ -1,7 +1,8 @@
 """How second moments move over a graph of random or periodic switching: the operator and its adjoint.
 
 From a node v to a node w, a move e of weight ``p_e`` takes the step ``A_e``. The operator T moves the moments at the
-nodes, ``(T S)_w = sum_e p_e A_e S_v A_e'``; its adjoint moves cost matrices back, ``(T* P)_v = sum_e p_e A_e' P_w A_e``.
+nodes, ``(T S)_w = sum_e p_e A_e S_v A_e'``; its adjoint moves cost matrices back,
+``(T* P)_v = sum_e p_e A_e' P_w A_e``.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,7 @@
 """Which methods are proven to be mean-square stable, at which rate, and by what."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,11 +22,13 @@ from switchctl.methods import (
 )
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, smat
-from switchctl.stability.falling import Fall, Walks, fall, largest_share, rounding, seen_within
-from switchctl.stability.growth import Verdict, definite
+from switchctl.stability.falling import Fall, fall, largest_share, rounding, walks
+from switchctl.stability.growth import Verdict, definite, transient
 from switchctl.stability.holds import longest_hold
 from switchctl.stability.switching import word_stability
 from switchctl.tables import html_table, tree
+
+_MOVES = 1024  # of a graph up to which a rate is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +45,7 @@ class PolicyStability:
         The argument, or what is missing.
     rate, constant : float or None
         The bound ``tr S(k) <= constant * rate^(2k) * tr S(0)`` for every initial state, where there is one that holds
-        for all alike. tr S is W2 where all states are the plant's, and above it where controllers have states.
+        for all alike; it may be far from sharp. tr S is W2 where all states are the plant's, else above it.
     fall : Fall or None
         The value that falls, and by which share, where that is the argument.
 
@@ -50,11 +53,13 @@ class PolicyStability:
     --------
     >>> from switchctl.stability import policy_stability
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 1.1]]])
-    >>> print(policy_stability(modes, Rollout()))
-    PolicyStability: stable
-    ├── method  Rollout()
-    ├── rate    0.995055 per step
-    └── why     the cost of the best single mode falls by a share of 0.00986492 at every step
+    >>> rollout = policy_stability(modes, Rollout())
+    >>> rollout.verdict, round(rollout.rate, 4)
+    ('stable', 0.9875)
+    >>> print(policy_stability(modes, RecedingHorizon(5)))
+    PolicyStability: undecided
+    ├── method  RecedingHorizon(horizon=5)
+    └── why     no theorem without a constraint at a finite horizon; use decrease=.., an infinite horizon or Rollout
     """
 
     method: str
@@ -65,7 +70,7 @@ class PolicyStability:
     fall: Fall | None = field(default=None, repr=False)
 
     def _facts(self) -> list[tuple[str, str]]:
-        rate = [] if self.rate is None else [("rate", f"{self.rate:.6g} per step")]
+        rate = [] if self.rate is None else [("rate", f"{self.rate:.9g} per step")]
         return [("method", self.method), *rate, ("why", self.why)]
 
     def __repr__(self) -> str:
@@ -135,20 +140,21 @@ def _judge(graph: SwitchingGraph, method: Method) -> _Answer:
 
 def _constant(graph: SwitchingGraph, mode: int) -> _Answer:
     """The rate of the mode, and what the way to it may do before."""
+    modes = graph.modes
     lead, word = policy_path(graph, way_to_hold(graph, mode)[0], 0)
-    growth = word_stability(graph.modes, word)
-    name = graph.modes.names[mode]
+    growth = word_stability(modes, word)
     if growth.verdict != "stable":
         what = "is not Schur" if growth.verdict == "unstable" else "has a spectral radius too near 1 to decide"
-        return growth.verdict, f"mode {name!r} {what}; hold another one", None, None, None
-    before, moved, most = graph.start_mode, np.eye(graph.modes.A.shape[-1]), 1.0
-    for k, i in enumerate(lead, 1):
-        moved, before = graph.modes.A_after[before, i] @ moved, i
-        most = max(most, float(np.linalg.norm(moved, 2)) ** 2 / growth.upper ** (2 * k))
-    if graph.modes.activation is not None and before >= 0:
-        most *= max(1.0, float(np.linalg.norm(graph.modes.activation[before, word[0]], 2)) ** 2)
-    constant = growth.constant * most * (1 + 1e-9)
-    return "stable", f"mode {name!r} is Schur, and held from step {len(lead)} on", growth.upper, constant, None
+        return growth.verdict, f"mode {modes.names[mode]!r} {what}; hold another one", None, None, None
+    rate = growth.upper + (1 - growth.upper) / 10  # at the rate itself there may be no constant
+    constant = transient(growth.moves, 1, rate)
+    before, moved, most = graph.start_mode, np.eye(modes.A.shape[-1]), 1.0
+    for k, i in enumerate([*lead, *word], 1):
+        most = max(most, float(np.linalg.norm(moved, 2)) ** 2 / rate ** (2 * (k - 1)))
+        moved, before = modes.A_after[before, i] @ moved, i
+    most = max(most, float(np.linalg.norm(moved, 2)) ** 2 / rate ** (2 * (len(lead) + 1)))
+    why = f"mode {modes.names[mode]!r} is Schur, and held from step {len(lead)} on"
+    return "stable", why, rate, constant * most * (1 + 1e-6), None
 
 
 def _blind(graph: SwitchingGraph) -> _Answer:
@@ -178,55 +184,59 @@ def _values(graph: SwitchingGraph) -> tuple[dict[int, Array], dict[int, Array], 
 
 def _rollout(graph: SwitchingGraph) -> _Answer:
     everything, without, residuals = _values(graph)
-    walks = seen_within(graph, everything)
-    if walks is None:
+    if not _seen(graph, everything):
         return _blind(graph)
     what = "the cost of the best way on" if len(graph) > 1 else "the cost of the best single mode"
-    least = [P for each in everything.values() for P in each]
     moves = [edge for edge in graph.edges() if edge.tail in everything and edge.head in everything]
+    if len(moves) > _MOVES or not all(map(len, without.values())):
+        return _finite(graph, what)
     g, dk = graph.modes.discount, graph.modes.dk
+    least = [P for each in everything.values() for P in each]
     compared = [edge.Q / dk + g * transform(edge.A, P) for edge in moves for P in everything[edge.head]]
-    return _falling(graph, walks, without, least, rounding(least, compared, residuals), what)
+    return _falling(graph, without, least, rounding(least, compared, residuals), what)
 
 
-def _falling(
-    graph: SwitchingGraph, walks: Walks, above: dict[int, Array], least: list[Array], slack: float, what: str
-) -> _Answer:
+def _seen(graph: SwitchingGraph, nodes: Iterable[int]) -> int:
+    """After how many steps the cost has seen every state, whatever the steps; 0 where it need not."""
+    return next((found.steps for found in walks(graph, nodes)), 0)
+
+
+def _falling(graph: SwitchingGraph, above: dict[int, Array], least: list[Array], slack: float, what: str) -> _Answer:
     """The rate of a value that pays for every step, between the least of ``least`` and those ``above`` at each node."""
-    g, t = graph.modes.discount, walks.steps
-    if not all(len(P) for P in above.values()):
-        if g < 1:
-            return _undecided("a discounted cost stays finite where states grow slowly, and switches cost constants")
-        return "stable", f"{what} is finite, and pays for every state that W2 is made of", None, None, None
-    falling = fall(walks, above)
-    contraction = np.inf if falling is None else (1 - falling.share + 2 * t * slack) / g**t
-    if falling is None or not contraction < 1:
+    g = graph.modes.discount
+    found = fall(graph, above, slack)
+    if found is None:
         return _undecided(
             "the discount lets states grow; take a greater one" if g < 1 else "rounding hides it; rescale the states"
         )
     floor = min(float(np.linalg.eigvalsh(P)[0]) for P in least)
     ceiling = max(min(float(np.linalg.eigvalsh(P)[-1]) for P in each) for each in above.values())
-    rate = contraction ** (1 / (2 * t))
-    constant = ceiling / floor * ((1 + slack) / g) ** (t - 1) / rate ** (2 * (t - 1)) * (1 + 1e-6)
-    steps = "every step" if t == 1 else f"every {t} steps"
-    return "stable", f"{what} falls by a share of {falling.share:.6g} at {steps}", rate, constant, falling
+    constant = ceiling / floor * ((1 + slack) / g / found.rate**2) ** (found.steps - 1) * (1 + 1e-6)
+    steps = "every step" if found.steps == 1 else f"every {found.steps} steps"
+    return "stable", f"{what} falls by a share of {found.share:.6g} at {steps}", found.rate, constant, found
+
+
+def _finite(graph: SwitchingGraph, what: str) -> _Answer:
+    """Without a rate: what a run costs is finite, and sees every state."""
+    if graph.modes.discount < 1:
+        return _undecided("a discounted cost stays finite where states grow slowly; ask for the total")
+    return "stable", f"{what} is finite, and pays for every state", None, None, None
 
 
 def _policy(graph: SwitchingGraph, method: Policy) -> _Answer:
-    walks = seen_within(graph, range(len(graph)))
-    if walks is None:
+    if not _seen(graph, range(len(graph))):
         return _blind(graph)
     what = "the cost that the policy promises"
-    if not graph.free:
-        return "stable", f"{what} is finite, and pays for every state that W2 is made of", None, None, None
+    if not graph.free or 0 not in method.tables:
+        return _finite(graph, what)
     P = smat(method.tables[0][1])
-    return _falling(graph, walks, {0: P}, list(P), rounding(list(P), list(P), []), what)
+    return _falling(graph, {0: P}, list(P), rounding(list(P), list(P), []), what)
 
 
 def _plan(graph: SwitchingGraph, name: str) -> _Answer:
     if graph.modes.discount < 1:
         return _undecided("a plan of finite discounted cost may grow; judge its schedule's tail by word_stability")
-    if seen_within(graph, range(len(graph))) is None:
+    if not _seen(graph, range(len(graph))):
         return _blind(graph)
     if not Continuations(graph).finite[:, 0].any():
         return _undecided(f"no way on at finite cost is known, so {name} may find no plan")
@@ -264,21 +274,20 @@ def _receding_horizon(graph: SwitchingGraph, method: RecedingHorizon) -> _Answer
     if method.horizon == math.inf:
         return _for_ever(graph)
     return _undecided(
-        "a finite horizon without a constraint has no theorem; use RecedingHorizon(.., decrease=..), an infinite "
-        "horizon or Rollout"
+        "no theorem without a constraint at a finite horizon; use decrease=.., an infinite horizon or Rollout"
     )
 
 
 def _for_ever(graph: SwitchingGraph) -> _Answer:
     """The cost of the way that is followed falls, and at an update it is changed for one of no greater cost."""
     everything, without, residuals = _values(graph)
-    walks = seen_within(graph, everything)
-    if walks is None:
+    steps = _seen(graph, everything)
+    if not steps:
         return _blind(graph)
     what = "the cost of the way that is followed"
-    least = [P for each in everything.values() for P in each]
-    if len(graph) > 1 or walks.steps > 1 or len(without[0]) < len(everything[0]):
-        return _falling(graph, walks, {v: P[:0] for v, P in without.items()}, least, 0.0, what)
+    if len(graph) > 1 or steps > 1 or len(without[0]) < len(everything[0]):
+        return _finite(graph, what)
+    least = list(everything[0])
     modes, g = graph.modes, graph.modes.discount
     free_of_charge = (graph.price + modes.offset) == 0
     held = [(modes.Q[i], P) for i, P in enumerate(modes.tails) if P is not None and free_of_charge[i]]

@@ -1,4 +1,4 @@
-"""Mean-square stability of switching that is fixed beforehand: a mode, a word repeated for ever, or random switching."""
+"""Mean-square stability of switching that is fixed beforehand: a mode, a word repeated for ever, random switching."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -190,8 +190,8 @@ def _stationary_distribution(chain: Array, names: tuple[str, ...]) -> Array:
     if len(closed) > 1:
         told = ["{" + ", ".join(names[i] for i in np.flatnonzero(group == c)) + "}" for c in closed]
         raise ValueError(
-            f"with noise the chain of probabilities must have one stationary distribution, and {' and '.join(told)} are "
-            "never left once entered; treat each of these sets of modes alone"
+            f"with noise the chain must have one stationary distribution, and {' and '.join(told)} are never left once "
+            "entered; treat each of these sets of modes alone"
         )
     states = np.flatnonzero(group == closed[0])
     P = chain[np.ix_(states, states)].copy()
