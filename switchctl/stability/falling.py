@@ -16,7 +16,7 @@ from switchctl.optimum.programs import solution
 from switchctl.stability.growth import definite
 
 _WALKS = 1024  # of as many steps as are looked at, from all nodes
-_STEPS = 64  # after which no more is seen
+_STEPS = 16
 _PROGRAMS = 64  # solved for more steps than needed
 _EPS = np.finfo(float).eps
 
@@ -76,7 +76,7 @@ def walks(graph: SwitchingGraph, nodes: Iterable[int]) -> Iterator[Walks]:
     moves = [edge for edge in graph.edges() if edge.tail in inside and edge.head in inside]
     each = {v: np.zeros((1, n, n)) for v in inside}
     steps, seen = 0, False
-    while steps == 0 or sum(len(each[edge.head]) for edge in moves) <= _WALKS:
+    while steps == 0 or (steps < _STEPS and sum(len(each[edge.head]) for edge in moves) <= _WALKS):
         found: dict[int, dict[bytes, Array]] = {v: {} for v in inside}
         for edge in moves:
             for L in each[edge.head]:
@@ -88,7 +88,7 @@ def walks(graph: SwitchingGraph, nodes: Iterable[int]) -> Iterator[Walks]:
         if all(definite(weights, 4 * _EPS * np.abs(weights)) for weights in each.values()):
             seen = True
             yield Walks(steps, each)
-        elif seen or steps > _STEPS:
+        elif seen:
             return
 
 
