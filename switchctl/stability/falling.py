@@ -17,7 +17,7 @@ from switchctl.stability.growth import definite
 
 _WALKS = 1024  # of as many steps as are looked at, from all nodes
 _STEPS = 16
-_PROGRAMS = 64  # solved for more steps than needed
+_PROGRAMS = 24  # solved for more steps than needed, 2, 4, 8, ..
 _EPS = np.finfo(float).eps
 
 
@@ -167,13 +167,15 @@ def fall(graph: SwitchingGraph, P: dict[int, Array], slack: float) -> Fall | Non
     for steps, weights in walks(graph, P):
         if best is not None and sum(map(len, weights.values())) > _PROGRAMS:
             break
+        if best is not None and steps & (steps - 1):
+            continue
         mixes, share = {}, 1.0
         for v, of_walks in weights.items():
             found = [largest_share(Q, P[v]) for Q in of_walks]
             mixes[v] = np.array([mix for _, mix in found])
             share = min([share, *(each for each, _ in found)])
         left = (1 - share + 2 * steps * slack) / graph.modes.discount**steps
-        falling = Fall(P, weights, mixes, share, steps, left ** (1 / (2 * steps)))
+        falling = Fall(P, weights, mixes, share, steps, float(left) ** (1 / (2 * steps)))
         if share > 0 and left < 1 and (best is None or falling.rate < best.rate):
             best = falling
     return best

@@ -213,7 +213,7 @@ def _falling(graph: SwitchingGraph, above: dict[int, Array], least: list[Array],
     ceiling = max(min(float(np.linalg.eigvalsh(P)[-1]) for P in each) for each in above.values())
     constant = ceiling / floor * ((1 + slack) / g / found.rate**2) ** (found.steps - 1) * (1 + 1e-6)
     steps = "every step" if found.steps == 1 else f"every {found.steps} steps"
-    return "stable", f"{what} falls by a share of {found.share:.6g} at {steps}", found.rate, constant, found
+    return "stable", f"{what} falls by a share of {found.share:.6g} at {steps}", found.rate, float(constant), found
 
 
 def _finite(graph: SwitchingGraph, what: str) -> _Answer:
