@@ -93,6 +93,7 @@ def test_the_witness_of_rollout():
     assert mean < np.sqrt(1 - alone)  # a mean of them is better than any one of them
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     "rules",

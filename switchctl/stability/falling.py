@@ -163,11 +163,11 @@ def fall(graph: SwitchingGraph, P: dict[int, Array], slack: float) -> Fall | Non
     Fall or None
         None where the value may not fall: because of rounding, or a discount.
     """
-    best = None
-    for steps, weights in walks(graph, P):
-        if best is not None and sum(map(len, weights.values())) > _PROGRAMS:
+    best: Fall | None = None
+    for tried, (steps, weights) in enumerate(walks(graph, P)):
+        if tried and sum(map(len, weights.values())) > _PROGRAMS:
             break
-        if best is not None and steps & (steps - 1):
+        if tried and steps & (steps - 1):
             continue
         mixes, share = {}, 1.0
         for v, of_walks in weights.items():

@@ -55,7 +55,7 @@ class PolicyStability:
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 1.1]]])
     >>> rollout = policy_stability(modes, Rollout())
     >>> rollout.verdict, round(rollout.rate, 4)
-    ('stable', 0.9875)
+    ('stable', 0.9914)
     >>> print(policy_stability(modes, RecedingHorizon(5)))
     PolicyStability: undecided
     ├── method  RecedingHorizon(horizon=5)
