@@ -249,8 +249,15 @@ def leads_in_turn(decisions: Decisions, leads: dict[int, _Walk]) -> Iterator[int
                 queue.append(move.head)
 
 
-def contracting_walk(decisions: Decisions) -> tuple[int, list[int]] | None:
-    """A walk that returns to its choice and contracts, without constant costs: a beam search for small products.
+def contracting_walk(decisions: Decisions, costing: bool = False) -> tuple[int, list[int]] | None:
+    """A walk that returns to its choice and contracts: a beam search for small products.
+
+    Parameters
+    ----------
+    decisions : Decisions
+        The choices and moves.
+    costing : bool, optional
+        Whether it may take moves of constant cost.
 
     Returns
     -------
@@ -264,7 +271,7 @@ def contracting_walk(decisions: Decisions) -> tuple[int, list[int]] | None:
             (u, move.head, _Walk([*walk.numbers, number], move.A @ walk.A, walk.Q, walk.word + move.word, 0.0))
             for u, at, walk in walks
             for number, move in enumerate(decisions.moves(at))
-            if move.constant == 0
+            if costing or move.constant == 0
         ]
         if not walks:
             break

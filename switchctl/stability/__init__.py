@@ -2,15 +2,33 @@
 
 from switchctl.stability.average_dwell_time import AverageDwellTime, average_dwell_time
 from switchctl.stability.dwell_time import DwellTime, DwellTimes, minimum_dwell_time, mode_dependent_dwell_times
+from switchctl.stability.falling import Fall
+from switchctl.stability.growth import GrowthRate, Stationary
+from switchctl.stability.helps import SwitchingHelp, does_switching_help
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, joint_spectral_radius
+from switchctl.stability.moment_operator import Move
+from switchctl.stability.policies import PolicyStability, policy_stability
+from switchctl.stability.switching import random_stability, schur_stability, stabilising_word, word_stability
 
 __all__ = [
     "AverageDwellTime",
     "DwellTime",
     "DwellTimes",
+    "Fall",
+    "GrowthRate",
     "JointSpectralRadius",
+    "Move",
+    "PolicyStability",
+    "Stationary",
+    "SwitchingHelp",
     "average_dwell_time",
+    "does_switching_help",
     "joint_spectral_radius",
     "minimum_dwell_time",
     "mode_dependent_dwell_times",
+    "policy_stability",
+    "random_stability",
+    "schur_stability",
+    "stabilising_word",
+    "word_stability",
 ]

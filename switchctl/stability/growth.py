@@ -22,6 +22,11 @@ _EPS = np.finfo(float).eps
 _FINEST, _COARSER = 1e-13, 4.0  # the gaps tried between a bound and the estimate, as a fraction
 
 
+def verdict(lower: float, upper: float) -> Verdict:
+    """Whether states vanish, given bounds of their growth by a step."""
+    return "stable" if upper < 1 else "unstable" if lower >= 1 else "undecided"
+
+
 class Stationary(NamedTuple):
     """What process noise keeps the state at: how often each node is visited, and the second moment there.
 
@@ -82,9 +87,12 @@ class GrowthRate:
     @property
     def verdict(self) -> Verdict:
         """Mean-square stability: "stable", "unstable" (moments don't fall to zero from every state) or "undecided"."""
-        if self.upper < 1:
-            return "stable"
-        return "unstable" if self.lower >= 1 else "undecided"
+        return verdict(self.lower, self.upper)
+
+    @property
+    def word(self) -> tuple[int, ...]:
+        """The modes along the moves, in their order: of a word, its modes."""
+        return tuple(move.mode for move in self.moves)
 
     def _facts(self) -> list[tuple[str, str]]:
         nodes, moves = len(self.P), len(self.moves)

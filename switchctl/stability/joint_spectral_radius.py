@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -12,6 +12,7 @@ from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.stability.branching import Cycle, Tree, branch, promising_cycle
+from switchctl.stability.growth import Verdict, verdict
 from switchctl.stability.moves import Moves
 from switchctl.stability.quadratic import growth, lifting_norms, quadratic_norms, rounding
 from switchctl.tables import html_table, tree
@@ -23,13 +24,6 @@ _SMALL = 60  # entries of the norms up to which the quadratic bound is found to 
 _ACCURACY = 1e-10
 _CLOSE = 1e-7  # to a threshold
 _ENDINGS = ("tolerance reached", "time limit", "interrupted")
-
-Verdict = Literal["stable", "unstable", "undecided"]
-
-
-def verdict(lower: float, upper: float) -> Verdict:
-    """Whether states vanish, given bounds of the growth of a step."""
-    return "stable" if upper < 1 else "unstable" if lower >= 1 else "undecided"
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,14 @@ from switchctl.continuation import lasting
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
+from switchctl.optimum.decisions import Decisions
+from switchctl.optimum.upper import contracting_walk
 from switchctl.stability.growth import GrowthRate, growth_rate
 from switchctl.stability.moment_operator import Move
 from switchctl.validation import real_array
 
 _SUM = 1e-9
+_CHOICES = 1000  # of a graph, from which words are tried
 
 
 def schur_stability(modes: ModeSet) -> tuple[GrowthRate, ...]:
@@ -104,6 +107,47 @@ def _word(modes: ModeSet, word: tuple[int, ...], of: str) -> GrowthRate:
     moves = [Move(k, (k + 1) % p, i, 1.0, modes.A_after[word[k - 1], i]) for k, i in enumerate(word)]
     noise = (np.full(p, 1 / p), np.roll(modes.W[list(word)], 1, axis=0) / p) if modes.noisy else None
     return growth_rate(of, moves, p, noise)
+
+
+def stabilising_word(modes: ModeSet | SwitchingGraph) -> GrowthRate | None:
+    """Look for a word that is stable when repeated for ever; modes that are unstable alone may have one.
+
+    Products are tried from the shortest on, the smallest of each length; whether such a word exists is undecidable in
+    general, so not finding one proves nothing.
+
+    Parameters
+    ----------
+    modes : ModeSet or SwitchingGraph
+        The modes, with or without rules.
+
+    Returns
+    -------
+    GrowthRate or None
+        Of the word, which is its ``word``; None where none was found.
+
+    Raises
+    ------
+    TypeError
+        If modes is neither a ModeSet nor a SwitchingGraph.
+
+    Examples
+    --------
+    >>> from switchctl.stability import stabilising_word
+    >>> found = stabilising_word(ModeSet([[[2.0, 0.0], [0.0, 0.25]], [[0.25, 0.0], [0.0, 2.0]]]))
+    >>> found.word, round(found.upper, 6)
+    ((0, 1), 0.707107)
+    """
+    decisions = Decisions(as_graph(modes))
+    decisions.reachable(_CHOICES)
+    found = contracting_walk(decisions, costing=True)
+    if found is None:
+        return None
+    at, word = found[0], list[int]()
+    for number in found[1]:
+        move = decisions.moves(at)[number]
+        word, at = [*word, *move.word], move.head
+    rate = word_stability(modes, word)
+    return rate if rate.verdict == "stable" else None
 
 
 def random_stability(modes: ModeSet, probabilities: Any) -> GrowthRate:
