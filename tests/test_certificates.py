@@ -15,7 +15,8 @@ from random_rules import KINDS, instances, takeover
 import switchctl
 from switchctl import Constant, FormatError, Gaussian, ModeSet, Optimal, RecedingHorizon, Refine, Rules, schedule
 from switchctl.certificates import Certificate, certify
-from switchctl.certificates.check import Rejected, Unreadable, check, digest
+from switchctl.certificates import check as checker
+from switchctl.certificates.check import Rejected, Unreadable, digest
 from switchctl.models import five_mode
 
 CHECKER = Path(switchctl.__file__).parent / "certificates" / "check.py"
@@ -52,7 +53,7 @@ def test_the_checker_runs_by_itself(five, tmp_path):
     assert (result.returncode, result.stdout) == (0, "accepted\n")
     document = json.loads(path.read_text())
     document["claim"]["lower"] = float(five.upper * 1.0001).hex()
-    path.write_text(json.dumps(document))
+    path.write_text(json.dumps(sealed(document)))
     result = run(path)
     assert result.returncode == 1
     assert "rejected: a run may cost less than claimed" in result.stdout
@@ -60,6 +61,24 @@ def test_the_checker_runs_by_itself(five, tmp_path):
         path.write_text(text)
         assert run(path).returncode == 2, text
     assert run(tmp_path / "not there").returncode == 2
+
+
+def sealed(document):
+    """With the digest of its claim and witness, as a forger would."""
+    return {**document, "sha256_of_proof": digest([document["claim"], document["witness"]])}
+
+
+def check(document):
+    checker.check(sealed(document))
+
+
+def test_a_changed_claim_or_witness_breaks_the_seal(five):
+    for part in ("claim", "witness"):
+        document = copy.deepcopy(five.document)
+        document[part]["note"] = 0
+        with pytest.raises(Rejected, match="the claim or the witness was changed"):
+            checker.check(document)
+        check(document)
 
 
 def test_any_schedule_has_a_certificate(pair, x0):
@@ -148,7 +167,7 @@ def test_what_was_changed_so_that_it_is_false_is_rejected(five, pair, x0):
                 refused += 1
                 continue
             # What is still accepted must still be true: a witness may be changed for another one that does.
-            assert path[0] in ("witness", "claim"), path
+            assert path[0] in ("witness", "claim", "sha256_of_proof"), path
             if path[0] == "claim":
                 value = float.fromhex(document["claim"][path[1]])
                 assert value <= certificate.lower if path[1] == "lower" else value >= certificate.upper
@@ -180,7 +199,7 @@ def test_a_singular_weight_is_refused_by_the_writer_and_the_checker(five):
 
 def test_wrong_arguments(pair, x0):
     found = schedule(pair, x0, Refine())
-    with pytest.raises(TypeError, match="must be a Schedule"):
+    with pytest.raises(TypeError, match="must be a Schedule or a result"):
         certify(pair)
     for wrong in ({"gap": 0}, {"gap": 1}, {"time_limit": 0}, {"prefixes": 0}, {"gap": math.nan}):
         with pytest.raises(ValueError):

@@ -2,13 +2,17 @@
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from switchctl.certificates import check
 from switchctl.files import FormatError, read_document, write_text
 from switchctl.moments import Array
+
+SHARES = 0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4  # that bounds are loosened by, until they hold exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +143,39 @@ class Certificate:
             return f"the joint spectral radius lies between {self.lower:.10g} and {self.upper:.10g}"
         if self.kind == "mean square":
             return f"the root of the mean square grows by {self.lower:.10g} to {self.upper:.10g} a step"
+        if self.kind == "rollout":
+            return f"under rollout the least cost of a mode falls by {claim['rate']:.8g} ** 2 a step"
+        if self.kind == "switching":
+            gain, helps = claim["gain"], claim["moment"] is not None
+            parts = [f"switching saves at most {100 * gain:.3g} %"] if gain is not None else []
+            return ", ".join([*parts, *(["from a moment it helps"] if helps else [])])
         parts = [f"every signal with {self.kind} {claim['stable']} is stable"] if claim["stable"] is not None else []
         parts += [f"one with {claim['unstable']} is not"] if claim["unstable"] is not None else []
         return ", ".join(parts)
 
 
+def loosened(bound: float, prove: Callable[[float], None], down: bool = False) -> float:
+    """A bound near the one given, above or below it, that holds in exact arithmetic."""
+    for share in SHARES:
+        claimed = bound * (1 - share if down else 1 + share)
+        if holds(partial(prove, claimed)):
+            return claimed
+    raise ValueError(f"the bound {bound} is too ill-conditioned to be proven in exact arithmetic")
+
+
+def holds(prove: Callable[[], None]) -> bool:
+    """Whether the checker accepts a proof."""
+    try:
+        prove()
+    except check.Rejected:
+        return False
+    return True
+
+
 def _number(value: Any) -> Any:
-    """A hexadecimal number as a float; anything else as it is."""
+    """Hexadecimal numbers as floats; anything else as it is."""
+    if isinstance(value, list):
+        return [_number(entry) for entry in value]
     return float.fromhex(value) if isinstance(value, str) else value
 
 

@@ -1,16 +1,37 @@
 """Certify: write the certificate of whatever was found."""
 
+from collections.abc import Callable
+from typing import Any
+
 from switchctl.certificates.certificate import Certificate
 from switchctl.certificates.growth import average_dwell_time, dwell_time, joint_spectral_radius
+from switchctl.certificates.mean_square import mean_square
 from switchctl.certificates.optimum import optimum
+from switchctl.certificates.switching import rollout, switching
 from switchctl.result import Schedule
-from switchctl.stability import AverageDwellTime, DwellTime, DwellTimes, JointSpectralRadius
+from switchctl.stability import (
+    AverageDwellTime,
+    DwellTime,
+    DwellTimes,
+    GrowthRate,
+    JointSpectralRadius,
+    PolicyStability,
+    SwitchingHelp,
+)
 
-Found = Schedule | JointSpectralRadius | DwellTime | DwellTimes | AverageDwellTime
+_WRITERS: dict[type, Callable[[Any], Certificate]] = {
+    JointSpectralRadius: joint_spectral_radius,
+    DwellTime: dwell_time,
+    DwellTimes: dwell_time,
+    AverageDwellTime: average_dwell_time,
+    GrowthRate: mean_square,
+    SwitchingHelp: switching,
+    PolicyStability: rollout,
+}
 
 
 def certify(
-    found: Found, gap: float | None = None, prefixes: int | None = None, time_limit: float | None = None
+    found: Any, gap: float | None = None, prefixes: int | None = None, time_limit: float | None = None
 ) -> Certificate:
     """Prove what was found, in a form that can be checked without this package.
 
@@ -51,10 +72,6 @@ def certify(
     for name, value in (("gap", gap), ("prefixes", prefixes), ("time_limit", time_limit)):
         if value is not None:
             raise ValueError(f"{name} is {value!r}, but it is for schedules; leave it out")
-    if isinstance(found, JointSpectralRadius):
-        return joint_spectral_radius(found)
-    if isinstance(found, DwellTime | DwellTimes):
-        return dwell_time(found)
-    if isinstance(found, AverageDwellTime):
-        return average_dwell_time(found)
-    raise TypeError(f"found must be a Schedule or a result of switchctl.stability, not a {type(found).__name__}")
+    if type(found) not in _WRITERS:
+        raise TypeError(f"found must be a Schedule or a result of switchctl.stability, not a {type(found).__name__}")
+    return _WRITERS[type(found)](found)

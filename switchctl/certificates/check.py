@@ -531,6 +531,100 @@ def mean_square(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, 
         need(all((before(v, H) + -X.times(lower**2)).definite() for v, X in enumerate(H)), "moments may grow slower")
 
 
+class Costs:
+    """Modes with stage weights: what they cost for ever, and means of that."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        self.A = matrices(data["A"])
+        self.n = len(self.A[0].rows)
+        self.Q = [Matrix.read(Q, self.n) for Q in data["Q"]]
+        need(len(self.Q) == len(self.A), "the data is incomplete")
+        need(all(Q.symmetric() and Q.definite() for Q in self.Q), "a stage weight is not positive semidefinite")
+
+    def read(self, value: Any) -> Matrix:
+        """Read a symmetric matrix."""
+        M = Matrix.read(value, self.n)
+        need(M.symmetric(), "a matrix is not symmetric")
+        return M
+
+    def before(self, word: list[int], P: Matrix) -> Matrix:
+        """What modes one after the other cost, and then P."""
+        for i in reversed(word):
+            need(0 <= i < len(self.A), "a word names no mode")
+            P = self.Q[i] + transformed(self.A[i], P)
+        return P
+
+    def above(self, value: Any, word: list[int]) -> Matrix:
+        """Read a matrix above what a word costs, repeated for ever."""
+        P = self.read(value)
+        need(bool(word) and P.definite() and (P + -self.before(word, P)).definite(), "a cost may be higher than told")
+        return P
+
+    def mean(self, weights: Any, P: list[Matrix]) -> Matrix:
+        """A combination with weights of at least zero and one in all: not less than the least, of any moment."""
+        alpha = [Fraction(number(a)) for a in listed(weights)]
+        need(len(alpha) == len(P) and min(alpha) >= 0 and sum(alpha) >= 1, "weights are missing, or below one in all")
+        total = identity(self.n, 0.0)
+        for a, X in zip(alpha, P, strict=True):
+            total = total + X.times(a)
+        return total
+
+
+def switching(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> None:
+    """No sequence costs less than ``1 - gain`` times the best single mode; from a moment, one costs less than it."""
+    costs = Costs(data)
+    need(claim["gain"] is not None or claim["moment"] is not None, "nothing is claimed")
+    if claim["gain"] is not None:
+        need(all(Q.definite(True) for Q in costs.Q), "a stage weight is not positive definite")
+        modes = [whole(p) for p in listed(witness["gain"]["modes"])]
+        above = [costs.above(P, [p]) for p, P in zip(modes, witness["gain"]["above"], strict=True)]
+        below = [costs.read(P) for P in witness["gain"]["below"]]
+        kept = 1 - Fraction(number(claim["gain"]))
+        need(kept >= 0 and len(below) == len(modes) > 0, "the gain is more than everything, or a bound is missing")
+        for P, most in zip(below, above, strict=True):
+            need((P + -most.times(kept)).definite(), "a single mode may cost more than is kept of it")
+        for i, row in zip(range(len(costs.A)), witness["gain"]["combinations"], strict=True):
+            for L, weights in zip(below, row, strict=True):
+                need((costs.before([i], L) + -costs.mean(weights, below)).definite(), "a step may lead below the bound")
+    if claim["moment"] is not None:
+        S, cost = costs.read(claim["moment"]), Fraction(number(claim["cost"]))
+        need(S.definite(), "the moment is not positive semidefinite")
+        word = [whole(i) for i in listed(claim["word"])]
+        lead = costs.before([whole(i) for i in listed(claim["lead"])], costs.above(witness["tail"], word))
+        need(dot(lead, S) <= cost, "the sequence costs more than claimed")
+        need(len(listed(witness["single"])) == len(costs.A), "a mode is left out")
+        for i, proof in enumerate(witness["single"]):
+            need(dot(single_below(costs, i, proof), S) > cost, f"mode {i} alone may cost no more")
+
+
+def single_below(costs: Costs, i: int, proof: dict[str, Any]) -> Matrix:
+    """A matrix below what a mode held for ever costs: its cost over some steps, or L no greater than ``Q + A' L A``.
+
+    The latter of a Schur mode, in a norm that shrinks, so that what is left of L vanishes.
+    """
+    if "steps" in proof:
+        L = identity(costs.n, 0.0)
+        need(0 < whole(proof["steps"]) <= 10 * LARGEST, "the steps are too many")
+        for _ in range(proof["steps"]):
+            L = costs.before([i], L).coarse(up=False)
+        return L
+    L, X = costs.read(proof["below"]), costs.read(proof["norm"])
+    shrinks = X.definite(True) and (X + -transformed(costs.A[i], X)).definite(True)
+    need(shrinks and (costs.before([i], L) + -L).definite(), f"mode {i} may cost less than told")
+    return L
+
+
+def rollout(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> None:
+    """Under the least over one step and then one mode for ever, the least cost of a mode falls by ``rate ** 2``."""
+    costs, share = Costs(data), Fraction(number(witness["share"]))
+    modes = [whole(p) for p in listed(witness["modes"])]
+    above = [costs.above(P, [p]) for p, P in zip(modes, witness["above"], strict=True)]
+    need(0 < share <= 1 and Fraction(positive(claim["rate"])) ** 2 >= 1 - share, "the rate does not follow")
+    need(all(P.definite(True) for P in above), "a cost is not positive definite")
+    for Q, weights in zip(costs.Q, witness["combinations"], strict=True):
+        need((Q + -costs.mean(weights, above).times(share)).definite(), "a step may cost less than that share")
+
+
 def positive(text: Any) -> float:
     """Read a number above zero."""
     value = number(text)
@@ -544,6 +638,8 @@ KINDS: dict[str, Callable[[dict[str, Any], dict[str, Any], dict[str, Any]], None
     "dwell time": dwell_time,
     "average dwell time": average_dwell_time,
     "mean square": mean_square,
+    "switching": switching,
+    "rollout": rollout,
 }
 
 

@@ -1,7 +1,7 @@
 """Certificates of how fast states can grow: the joint spectral radius, dwell times, average dwell times."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,14 +11,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from switchctl.certificates import check
-from switchctl.certificates.certificate import Certificate, exact
+from switchctl.certificates.certificate import SHARES, Certificate, exact, holds, loosened
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.stability.average_dwell_time import AverageDwellTime
 from switchctl.stability.dwell_time import DwellTime, DwellTimes
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, Norms
-
-_MENDED = 0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4  # what bounds are loosened by, until they hold exactly
 
 
 def joint_spectral_radius(found: JointSpectralRadius) -> Certificate:
@@ -37,7 +35,7 @@ def joint_spectral_radius(found: JointSpectralRadius) -> Certificate:
     }
     read = check.Graph.read(data)
     witness: dict[str, Any] = {"upper": _norms(read, found.norms, range(len(graph))), "lower": None}
-    upper = _loosened(found.upper, lambda rate: read.grows_at_most(rate, witness["upper"]))
+    upper = loosened(found.upper, lambda rate: read.grows_at_most(rate, witness["upper"]))
     lower = 0.0
     if found.cycle:
         nodes = graph.walk(found.cycle, found.node)
@@ -58,7 +56,7 @@ def dwell_time(found: DwellTime | DwellTimes) -> Certificate:
     graph = check.Graph.with_dwell(data, list(stable))
     ends = (np.cumsum(stable) - 1).tolist()
     witness: dict[str, Any] = {"stable": _norms(graph, found.stable.norms, ends), "unstable": None}
-    rate = _loosened(found.stable.upper, lambda rate: graph.grows_at_most(rate, witness["stable"]))
+    rate = loosened(found.stable.upper, lambda rate: graph.grows_at_most(rate, witness["stable"]))
     if rate >= 1:
         raise ValueError("the growth is too near to one to be proven below it; the dwell time above may be")
     claim = {"stable": list(stable), "unstable": None}
@@ -84,7 +82,7 @@ def average_dwell_time(found: AverageDwellTime) -> Certificate:
         claim["stable"], witness["decay"], witness["jump"] = time.hex(), decay.hex(), jump.hex()
         check.average_dwell_time(data, claim, witness)
 
-    _loosened(1.0, prove)
+    loosened(1.0, prove)
     if found.word:
         witness["unstable"], rate = _word(graph, modes, (1,) * len(modes), found.word)
         claim["unstable"] = math.nextafter(found.lower, 0).hex() if rate >= 1 else None
@@ -115,7 +113,7 @@ def _cycle(graph: check.Graph, modes: ModeSet, node: int, ways: list[int], rate:
     for way in ways:
         k, v = graph.moves[v][way]
         product = every[k] @ product
-    for share in _MENDED:
+    for share in SHARES:
         claimed = rate * (1 - share)
         M = product / claimed ** len(ways)
         H = solve_discrete_lyapunov(M.T, -np.eye(len(M)), method="direct")
@@ -123,7 +121,7 @@ def _cycle(graph: check.Graph, modes: ModeSet, node: int, ways: list[int], rate:
         H = H / np.abs(H).max()
         x = np.linalg.eigh(H)[1][:, -1:]
         witness = {"node": node, "moves": ways, "H": exact(H), "x": exact(x)}
-        if np.isfinite(H).all() and _holds(partial(graph.may_grow, claimed, witness)):
+        if np.isfinite(H).all() and holds(partial(graph.may_grow, claimed, witness)):
             return witness, claimed
     return None, 0.0
 
@@ -132,23 +130,6 @@ def _floats(graph: check.Graph, modes: ModeSet) -> Iterator[Array]:
     """The matrices of a graph as floats."""
     for A in graph.A:
         yield np.array([[float(entry) / 2.0**A.exponent for entry in row] for row in A.rows])
-
-
-def _loosened(rate: float, prove: Callable[[float], None]) -> float:
-    """A bound near the one given that holds in exact arithmetic."""
-    for share in _MENDED:
-        claimed = rate * (1 + share)
-        if _holds(partial(prove, claimed)):
-            return claimed
-    raise ValueError(f"the bound {rate} is too ill-conditioned to be proven in exact arithmetic")
-
-
-def _holds(prove: Callable[[], None]) -> bool:
-    try:
-        prove()
-    except check.Rejected:
-        return False
-    return True
 
 
 def _norms(graph: check.Graph, norms: tuple[Norms, ...], nodes: Sequence[int]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class PolicyStability:
 
     Parameters
     ----------
-    method : str
+    method : Method
         The method.
     verdict : "stable", "unstable" or "undecided"
         "stable": from every initial state W2 falls to zero. "undecided": not proven, which is no proof of the contrary.
@@ -48,6 +48,8 @@ class PolicyStability:
         for all alike; it may be far from sharp. tr S is W2 where all states are the plant's, else above it.
     fall : Fall or None
         The value that falls, and by which share, where that is the argument.
+    graph : SwitchingGraph
+        The modes, and the rules.
 
     Examples
     --------
@@ -62,16 +64,17 @@ class PolicyStability:
     └── why     no theorem without a constraint at a finite horizon; use decrease=.., an infinite horizon or Rollout
     """
 
-    method: str
+    method: Method
     verdict: Verdict
     why: str
-    rate: float | None = None
-    constant: float | None = None
-    fall: Fall | None = field(default=None, repr=False)
+    rate: float | None
+    constant: float | None
+    fall: Fall | None
+    graph: SwitchingGraph
 
     def _facts(self) -> list[tuple[str, str]]:
         rate = [] if self.rate is None else [("rate", f"{self.rate:.9g} per step")]
-        return [("method", self.method), *rate, ("why", self.why)]
+        return [("method", repr(self.method)), *rate, ("why", self.why)]
 
     def __repr__(self) -> str:
         return tree(f"PolicyStability: {self.verdict}", self._facts())
@@ -106,7 +109,7 @@ def policy_stability(modes: ModeSet | SwitchingGraph, method: Method) -> PolicyS
         raise TypeError(f"method must be a Method such as Rollout(), not {method!r}")
     method.start(graph)
     verdict, why, rate, constant, falling = _judge(graph, method)
-    return PolicyStability(repr(method), verdict, why, rate, constant, falling)
+    return PolicyStability(method, verdict, why, rate, constant, falling, graph)
 
 
 _Answer = tuple[Verdict, str, float | None, float | None, Fall | None]
