@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 import switchctl
+import switchctl.certificates
 import switchctl.methods
 import switchctl.moments
 import switchctl.plotting
+import switchctl.stability
 
 PACKAGE = Path(switchctl.__file__).parent
 # From left to right, as data flows; a module may import those before it.
@@ -45,7 +47,7 @@ ORDER = [
 
 
 def public():
-    modules = [switchctl, switchctl.methods, switchctl.plotting]
+    modules = [switchctl, switchctl.methods, switchctl.plotting, switchctl.stability, switchctl.certificates]
     named = {getattr(module, name) for module in modules for name in module.__all__}
     for module in (switchctl.moments, switchctl.gramians):
         named |= {

@@ -242,7 +242,7 @@ class _Search:
         for memory in count():
             small = self.norms.P.size <= _SMALL and memory == 0 and self.threshold is None
             if not self.done or small:
-                name = "quadratic norms" if memory == 0 else f"quadratic norms with memory {memory}"
+                name = "quadratic norms" if memory == 0 else "path-complete norms"
                 stop, accuracy = (0.0, _ACCURACY) if small else (self.enough, self.tol / 10)
                 gamma, P = quadratic_norms(moves, P, self.floor, stop, accuracy, self.deadline)
                 self._improve(name, gamma, moves, P)
