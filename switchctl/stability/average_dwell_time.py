@@ -9,8 +9,8 @@ from scipy.optimize import minimize_scalar
 from switchctl.gramians import tail
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.stability.dwell_time import held, minimum_dwell_time, require_schur
-from switchctl.stability.joint_spectral_radius import proven_radius
+from switchctl.stability.dwell_time import minimum_dwell_time, require_schur
+from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import Moves
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from switchctl.moments import Array
 from switchctl.stability.moves import Indices, Moves
 
-_LONGEST = 40  # moves of a cycle tried by the beam
-
-
 Tree = list[tuple[Indices, Indices, NDArray[np.bool_]]]
 
 
@@ -139,14 +136,16 @@ def _cuts(levels: list[_Level]) -> Tree:
     return [(level.parent, level.edge, mark) for level, mark in zip(levels, marks, strict=True)]
 
 
-def promising_cycle(moves: Moves, beam: int = 200) -> Cycle:
+def promising_cycle(moves: Moves, longest: int, beam: int) -> Cycle:
     """A cycle that grows much: the greatest of the cycles among the products of greatest norm at every length.
 
     Parameters
     ----------
     moves : Moves
         The moves.
-    beam : int, optional
+    longest : int
+        The most moves of a cycle.
+    beam : int
         How many products of a length go on.
 
     Returns
@@ -168,7 +167,7 @@ def promising_cycle(moves: Moves, beam: int = 200) -> Cycle:
         kept = np.argsort(-size, kind="stable")[:beam]
         kept = kept[(size[kept] > cycle.rate * (1 - 1e-9)) & np.isfinite(size[kept]) & (norms[kept] > 0)]
         tried += len(kept)
-        if not len(kept) or len(levels) > _LONGEST:
+        if not len(kept) or len(levels) > longest:
             break
         ways = [after[v] for v in level.end[kept]]
         parent, edge = np.repeat(kept, [len(way) for way in ways]), np.concatenate(ways)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from switchctl.modes import ModeSet
-from switchctl.stability.joint_spectral_radius import Bounds, bounded
+from switchctl.stability.joint_spectral_radius import Bounds, bounded, held
 from switchctl.stability.moves import Moves
 from switchctl.tables import html_table, tree
 from switchctl.validation import number
@@ -57,17 +57,6 @@ class DwellTime:
 
     def _repr_html_(self) -> str:
         return html_table(["", ""], self._facts(), "Dwell time")
-
-
-def held(word: tuple[int, ...], names: tuple[str, ...]) -> str:
-    """A word with how often each mode is repeated."""
-    runs: list[list[int]] = []
-    for mode in word:
-        if runs and runs[-1][0] == mode:
-            runs[-1][1] += 1
-        else:
-            runs.append([mode, 1])
-    return " ".join(names[mode] + (f" x {count}" if count > 1 else "") for mode, count in runs)
 
 
 def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:

@@ -22,6 +22,9 @@ _PRODUCTS = 20_000  # of a branch and bound, at first
 _UNKNOWNS = 4_000  # entries of the norms of a lift
 _SMALL = 60  # entries of the norms up to which the quadratic bound is found to ten digits in any case
 _ACCURACY = 1e-10
+_LONGEST = 40  # moves of a cycle that is tried
+_HELD = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 19)}))  # how often a move may be repeated in one
+_SWITCHES = 4  # moves of a cycle of such
 _CLOSE = 1e-7  # to a threshold
 _ENDINGS = ("tolerance reached", "time limit", "interrupted")
 
@@ -103,16 +106,16 @@ class JointSpectralRadius(Bounds):
 
     graph: SwitchingGraph
 
-    @property
-    def cycle_names(self) -> str:
-        """The modes of the cycle by name, first step first."""
-        return " ".join(self.graph.modes.names[i] for i in self.cycle)
-
     def _facts(self) -> list[tuple[str, str]]:
         between = f"{self.lower:.10g} <= {self.upper:.10g}"
         return [
             ("bounds", f"{between} (relative gap {1 - self.lower / self.upper if self.upper else 0.0:.2g})"),
-            ("cycle", f"{self.cycle_names} grows by {self.lower:.10g} a step" if self.cycle else "none"),
+            (
+                "cycle",
+                f"{held(self.cycle, self.graph.modes.names)} grows by {self.lower:.10g} a step"
+                if self.cycle
+                else "none",
+            ),
             ("switching", _MEANING[self.verdict]),
             *((f"upper, {way}", f"{bound:.10g}") for way, bound in self.bounds.items()),
             ("status", self.status),
@@ -123,6 +126,17 @@ class JointSpectralRadius(Bounds):
 
     def _repr_html_(self) -> str:
         return html_table(["", ""], self._facts(), "Joint spectral radius")
+
+
+def held(word: tuple[int, ...], names: tuple[str, ...]) -> str:
+    """A word with how often each mode is repeated."""
+    runs: list[list[int]] = []
+    for mode in word:
+        if runs and runs[-1][0] == mode:
+            runs[-1][1] += 1
+        else:
+            runs.append([mode, 1])
+    return " ".join(names[mode] + (f" x {count}" if count > 1 else "") for mode, count in runs)
 
 
 _MEANING = {
@@ -237,7 +251,10 @@ class _Search:
             return "tolerance reached"
         P = lifting_norms(moves)
         self._improve("Kronecker lifting", growth(moves, P), moves, P)
-        self._take(moves, promising_cycle(moves.seen_in(P, unit)))
+        seen = moves.seen_in(P, unit)
+        self._take(moves, promising_cycle(seen, _LONGEST, 200))
+        if not self.done:  # modes that are sampled fast must be held for long
+            self._take(moves.held(_HELD), promising_cycle(seen.held(_HELD), _SWITCHES, 50))
         budget = _PRODUCTS
         for memory in count():
             small = self.norms.P.size <= _SMALL and memory == 0 and self.threshold is None
@@ -275,7 +292,7 @@ class _Search:
         for e in cycle.edges:
             product = moves.A[e] @ product
         rate = float(proven_radius(product) ** (1 / len(word)))
-        if rate > self.lower:
+        if rate > self.lower * (1 + _ACCURACY):
             self.lower, self.word, self.node = rate, word, moves.places[moves.tail[cycle.edges[0]]]
 
     def _improve(self, way: str, upper: float, moves: Moves, P: Array, tree: Any = ()) -> None:

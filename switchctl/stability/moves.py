@@ -1,6 +1,6 @@
 """The moves among which stability is decided: a switching graph with its forced steps taken together, and its lifts."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +106,22 @@ class Moves:
         T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
         A = T[self.head] @ self.A @ np.linalg.inv(T)[self.tail] / gamma ** self.lengths[:, None, None]
         return replace(self, A=A)
+
+    def held(self, times: Iterable[int]) -> "Moves":
+        """With moves that come back to their node also taken so many times at once."""
+        e = np.flatnonzero(self.tail == self.head)
+        parts = [self]
+        for count in times:
+            powers, words = np.linalg.matrix_power(self.A[e], count), tuple(self.words[i] * count for i in e)
+            parts.append(
+                replace(
+                    self, tail=self.tail[e], head=self.head[e], A=powers, words=words, lengths=self.lengths[e] * count
+                )
+            )
+        tail, head, A, lengths = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("tail", "head", "A", "lengths")
+        )
+        return replace(self, tail=tail, head=head, A=A, words=sum((part.words for part in parts), ()), lengths=lengths)
 
     def lifted(self) -> "Moves":
         """The same runs, with nodes that also remember the last move: the line graph."""
