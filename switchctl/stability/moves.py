@@ -142,7 +142,7 @@ def _choices(graph: SwitchingGraph) -> list[int]:
         while v not in kept and v not in passed:
             passed.add(v)
             way.append(v)
-            v = int(graph.successor[v].argmax())
+            v = int(graph.successor[v].max())
         if v in way:
             kept.add(v)
     return sorted(kept)
