@@ -35,7 +35,7 @@ def growth(moves: Moves, P: Array) -> float:
 def rounding(P: Array) -> float:
     """A factor for what rounding may take from a growth computed in these norms."""
     eigenvalues = np.linalg.eigvalsh(P)
-    condition = float(np.sqrt((eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], 1e-300)).max()))
+    condition = float((np.sqrt(eigenvalues[:, -1]) / np.sqrt(np.maximum(eigenvalues[:, 0], 1e-300))).max())
     return 1 + 4 * P.shape[-1] * np.finfo(float).eps * condition
 
 
