@@ -5,6 +5,7 @@ every run can be cut into such products and those that are left when the budget 
 grew the least (G. Gripenberg, Linear Algebra Appl. 234, 1996).
 """
 
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ class _Level(NamedTuple):
     cut: Indices  # the level where that is
 
 
-def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int) -> Branching:
+def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, deadline: float) -> Branching:
     """Search all products until their growth is known to a tolerance.
 
     Parameters
@@ -61,6 +62,8 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int) -> 
         Or at this upper bound.
     budget : int
         The most products.
+    deadline : float
+        Stop at this reading of `time.perf_counter`.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int) -> 
         upper, alive = max(upper, float(last.least[cut].max(initial=0.0))), np.flatnonzero(~cut)
         ways = [after[v] for v in last.end[alive]]
         count += sum(map(len, ways))
-        if not len(alive) or count > budget:
+        if not len(alive) or count > budget or time.perf_counter() > deadline:
             break
         parent = np.repeat(alive, [len(way) for way in ways])
         edge = np.concatenate(ways)

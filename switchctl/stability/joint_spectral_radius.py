@@ -199,7 +199,8 @@ def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) 
         for part in moves.components():
             known = max((search.lower for search in searches), default=0.0)
             searches.append(_Search(part, known, tol, threshold, deadline, progress))
-            status = max(status, searches[-1].run(), key=_ENDINGS.index)
+            if status != "interrupted":
+                status = max(status, searches[-1].run(), key=_ENDINGS.index)
     best = max(searches, key=lambda search: search.lower)
     upper = max(search.upper for search in searches)
     ways = {way: None for search in searches for way in search.bounds}
@@ -249,12 +250,12 @@ class _Search:
         moves, unit = self.part, self.upper
         if unit == 0:
             return "tolerance reached"
-        P = lifting_norms(moves)
+        plain, P = moves.seen_in(self.norms.P, unit), lifting_norms(moves)
         self._improve("Kronecker lifting", growth(moves, P), moves, P)
         seen = moves.seen_in(P, unit)
-        self._take(moves, promising_cycle(seen, _LONGEST, 200))
+        self._take(plain, promising_cycle(seen, _LONGEST, 200), unit)
         if not self.done:  # modes that are sampled fast must be held for long
-            self._take(moves.held(_HELD), promising_cycle(seen.held(_HELD), _SWITCHES, 50))
+            self._take(plain.held(_HELD), promising_cycle(seen.held(_HELD), _SWITCHES, 50), unit)
         budget = _PRODUCTS
         for memory in count():
             small = self.norms.P.size <= _SMALL and memory == 0 and self.threshold is None
@@ -279,19 +280,25 @@ class _Search:
 
     def _branch(self, moves: Moves, P: Array, budget: int) -> None:
         unit = growth(moves, P)
-        found = branch(moves.seen_in(P, unit), Cycle(self.floor / unit, ()), self.tol, self.goal / unit, budget)
-        self._take(moves, found.cycle)
+        known = Cycle(self.floor / unit, ())
+        found = branch(moves.seen_in(P, unit), known, self.tol, self.goal / unit, budget, self.deadline)
+        identity = np.broadcast_to(np.eye(P.shape[-1]), P.shape)
+        self._take(moves.seen_in(identity, unit), found.cycle, unit)
         self._improve("branch and bound", found.upper * unit * rounding(P), moves, P, found.tree)
 
-    def _take(self, moves: Moves, cycle: Cycle) -> None:
-        """Keep a cycle that grows more."""
+    def _take(self, moves: Moves, cycle: Cycle, unit: float) -> None:
+        """Keep a cycle that grows more, of moves divided by ``unit ** steps``."""
         if not cycle.edges:
             return
         word = tuple(mode for e in cycle.edges for mode in moves.words[e])
-        product = np.eye(moves.A.shape[-1])
+        product, log = np.eye(moves.A.shape[-1]), 0.0
         for e in cycle.edges:
             product = moves.A[e] @ product
-        rate = float(proven_radius(product) ** (1 / len(word)))
+            size = float(np.abs(product).max())
+            if size == 0:
+                return
+            product, log = product / size, log + np.log(size)
+        rate = float(proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word))) * unit
         if rate > self.lower * (1 + _ACCURACY):
             self.lower, self.word, self.node = rate, word, moves.places[moves.tail[cycle.edges[0]]]
 
@@ -299,7 +306,7 @@ class _Search:
         """Keep an upper bound that is lower."""
         upper = float(upper)
         self.bounds[way] = min(upper, self.bounds.get(way, np.inf))
-        if upper < self.upper or not self.bounds:
+        if upper < self.upper:
             self.upper, self.norms = upper, Norms(moves, P, list(tree))
         self.progress.set_postfix_str(f"{self.lower:.6g} to {self.upper:.6g}", refresh=False)
         self.progress.update()
