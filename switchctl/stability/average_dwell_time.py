@@ -14,6 +14,7 @@ from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import Moves
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree
+from switchctl.validation import number
 
 _ACCURACY = 1e-6
 _TRIED = 25  # rates of decay
@@ -93,7 +94,7 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
     0.0
     """
     require_schur(modes)
-    found = minimum_dwell_time(modes, time_limit / 2)
+    found = minimum_dwell_time(modes, number(time_limit, "time_limit") / 2)
     end = time.perf_counter() + time_limit / 2
     lower, word = _unstable(modes, found.word)
     common = Moves.with_dwell(modes, (1,) * len(modes))
@@ -128,13 +129,14 @@ def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, 
     """The greatest average dwell time met of a word that doesn't contract: the one given, or of two modes in turn."""
     switches = sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
     best = (len(word) / switches, word) if switches else (0.0, word)
-    powers = [modes.A]
+    powers = [np.broadcast_to(np.eye(modes.A.shape[-1]), modes.A.shape)]
     for _ in range(_HELD - 1):
         powers.append(powers[-1] @ modes.A)
     held_for = np.stack(powers, axis=1)
     for i in range(len(modes)):
         for j in range(i):
-            products = held_for[i][:, None] @ held_for[j][None]
+            first, second = held_for[i] @ modes.A_after[j, i], held_for[j] @ modes.A_after[i, j]
+            products = first[:, None] @ second[None]
             radii = np.abs(np.linalg.eigvals(products)).max(axis=-1)
             for a, b in sorted(np.argwhere(radii >= 1).tolist(), key=sum, reverse=True):
                 average = (a + b + 2) / 2

@@ -145,12 +145,19 @@ class _Search:
         self.found: dict[tuple[int, ...], Bounds] = {}
 
     @property
+    def interrupted(self) -> bool:
+        """Whether somebody has asked to stop."""
+        return any(f.status == "interrupted" for f in self.found.values())
+
+    @property
     def time_left(self) -> bool:
         """Whether there is time, and nobody has asked to stop."""
-        return time.perf_counter() < self.end and all(f.status != "interrupted" for f in self.found.values())
+        return time.perf_counter() < self.end and not self.interrupted
 
     def verdict(self, dwell: tuple[int, ...], again: bool = False) -> str:
         """Whether dwell times are stable, by what is known or can be found in a share of the time."""
+        if dwell not in self.found and self.interrupted:
+            return "undecided"
         if dwell not in self.found or (again and self.found[dwell].verdict == "undecided" and self.time_left):
             end = min(time.perf_counter() + self.share * (5 if again else 1), max(self.end, time.perf_counter() + 1))
             self.found[dwell] = bounded(Moves.with_dwell(self.modes, dwell), _CLOSE, 1.0, end)
