@@ -44,7 +44,7 @@ def random_set(seed):
 def random_graph(seed):
     """Such matrices, some of which change the state when they take over, in an automaton or under rules."""
     rng = np.random.default_rng([1, seed])
-    kind, A = random_set([2, seed])
+    _, A = random_set([2, seed])
     m, n = A.shape[:2]
     activation = None
     if rng.random() < 0.4:
