@@ -8,7 +8,9 @@ from switchctl.stability.helps import SwitchingHelp, does_switching_help
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, joint_spectral_radius
 from switchctl.stability.moment_operator import Move
 from switchctl.stability.policies import PolicyStability, policy_stability
+from switchctl.stability.report import PairGrowth, Report, report
 from switchctl.stability.switching import random_stability, schur_stability, stabilising_word, word_stability
+from switchctl.stability.transient_growth import TransientGrowth, transient_growth
 
 __all__ = [
     "AverageDwellTime",
@@ -18,9 +20,12 @@ __all__ = [
     "GrowthRate",
     "JointSpectralRadius",
     "Move",
+    "PairGrowth",
     "PolicyStability",
+    "Report",
     "Stationary",
     "SwitchingHelp",
+    "TransientGrowth",
     "average_dwell_time",
     "does_switching_help",
     "joint_spectral_radius",
@@ -28,7 +33,9 @@ __all__ = [
     "mode_dependent_dwell_times",
     "policy_stability",
     "random_stability",
+    "report",
     "schur_stability",
     "stabilising_word",
+    "transient_growth",
     "word_stability",
 ]
