@@ -1,4 +1,4 @@
-"""Everything known about a set of modes on one page: stability, worst alternations, dwell times, what switching saves."""
+"""Everything known about a set of modes on one page: stability, dwell times, what switching saves."""
 
 import signal
 import threading
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from control import ControlPlot
 
 _TOLERANCE = 1e-4
+_DELAY = 2  # seconds before progress is shown
 _LEAST = 0.02  # of the time, for a part that comes when it is over
 
 
@@ -182,9 +183,10 @@ def report(
         raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
     page = _Page(Report(modes, graph_under(modes, rules), x0), time_limit)
     parts = page.parts()
-    with _noted_interrupts() as interrupted, tqdm(parts, desc="report", unit="part", delay=2, leave=False) as progress:
+    begun, bar = time.perf_counter(), tqdm(parts, desc="report", unit="part", delay=_DELAY, leave=False)
+    with _noted_interrupts() as interrupted, bar as progress:
         for name, weight, part in progress:
-            progress.set_postfix_str(name.replace("_", " "))
+            progress.set_postfix_str(name.replace("_", " "), refresh=time.perf_counter() > begun + _DELAY)
             try:
                 if interrupted:
                     raise KeyboardInterrupt
@@ -239,9 +241,9 @@ class _Page:
             ("transient_growth", 0, lambda _: self.transients()),
             ("costs", 0, lambda _: self.costs()),
             ("joint_spectral_radius", 2, lambda seconds: _growth(graph, seconds)),
-            ("dwell_time", 1, lambda seconds: minimum_dwell_time(modes, seconds)),
-            ("dwell_times", 2, lambda seconds: mode_dependent_dwell_times(modes, seconds)),
-            ("average_dwell_time", 2, lambda seconds: average_dwell_time(modes, seconds)),
+            ("dwell_time", 2, self.dwell_time),
+            ("dwell_times", 3, self.dwell_times),
+            ("average_dwell_time", 2, self.average_dwell_time),
             ("stabilising_word", 0, lambda _: self.word()),
             ("switching_help", 2, lambda seconds: does_switching_help(modes, x0, time_limit=seconds)),
             ("pairs", 2, self.pairs),
@@ -282,6 +284,32 @@ class _Page:
             raise _NotGiven("no x0 was given")
         return frozen(single_mode_costs(self.report.graph, self.report.x0))
 
+    @property
+    def arbitrary(self) -> JointSpectralRadius | None:
+        """The joint spectral radius where it proves that arbitrary switching is stable."""
+        found = self.report.joint_spectral_radius
+        return found if found is not None and found.verdict == "stable" and self.report.graph.free else None
+
+    def dwell_time(self, seconds: float) -> DwellTime:
+        """The least dwell time."""
+        modes = self.report.modes
+        if self.arbitrary is not None:
+            return DwellTime(modes, 1, 1, self.arbitrary, None)
+        return minimum_dwell_time(modes, seconds)
+
+    def dwell_times(self, seconds: float) -> DwellTimes:
+        """A dwell time for each mode."""
+        modes, m = self.report.modes, len(self.report.modes)
+        if self.arbitrary is not None:
+            return DwellTimes(modes, (1,) * m, (True,) * m, self.arbitrary)
+        return mode_dependent_dwell_times(modes, seconds)
+
+    def average_dwell_time(self, seconds: float) -> AverageDwellTime:
+        """An average dwell time, where one is needed."""
+        if self.arbitrary is not None:
+            raise _NotGiven("none is needed: arbitrary switching is stable")
+        return average_dwell_time(self.report.modes, seconds)
+
     def word(self) -> GrowthRate:
         """A stabilising word, where no mode held for ever is one that serves."""
         modes, graph = self.report.modes, self.report.graph
@@ -300,12 +328,18 @@ class _Page:
         for i, rate in enumerate(self.report.spectral_radii or ()):
             found.lower[i, i], found.upper[i, i] = rate.lower, rate.upper
         self.add("pairs", found)
+        whole = self.report.joint_spectral_radius if self.report.graph.free else None
         pairs = [(i, j) for i in range(m) for j in range(i)]
-        for number, (i, j) in enumerate(pairs):
-            share = max(self.least, end - time.perf_counter()) / (len(pairs) - number)
-            growth = _growth(SwitchingGraph(_only(modes, [i, j])), share)
+        for done, (i, j) in enumerate(pairs):
+            share = max(self.least, end - time.perf_counter()) / (len(pairs) - done)
+            known = m == 2 and whole is not None
+            growth = whole if known else _growth(SwitchingGraph(_only(modes, [j, i])), share)
+            assert growth is not None
+            if whole is not None and growth.lower > whole.lower:
+                whole = replace(whole, lower=growth.lower, cycle=tuple((j, i)[mode] for mode in growth.cycle), node=0)
+                self.add("joint_spectral_radius", whole)
             found.lower[i, j] = found.lower[j, i] = growth.lower
-            found.upper[i, j] = found.upper[j, i] = growth.upper
+            found.upper[i, j] = found.upper[j, i] = growth.upper if whole is None else min(growth.upper, whole.upper)
             if growth.status == "interrupted":
                 raise KeyboardInterrupt
         return found

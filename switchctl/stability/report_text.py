@@ -1,6 +1,5 @@
 """A report in words: the same blocks for a terminal and for a notebook."""
 
-from collections.abc import Sequence
 from html import escape
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
 
 _WIDTH = 100
 _WORST = 10  # pairs, where there are too many for a matrix
-_FAILED = (str,)
 _MARK = {"stable": "", "unstable": "*", "undecided": "?", "not done": ""}
 
 
@@ -81,10 +79,8 @@ def _modes(report: "Report") -> _Block:
         columns += [[str(growth) for growth in growths], [_when(modes.dt, growth.step) for growth in growths]]
     if costs is not None:
         best = int(np.argmin(costs)) if np.isfinite(costs).any() else -1
-        header.append("cost for ever")
-        columns.append(
-            [f"{cost:.6g}" + ("  best" if i == best else "      " * (best >= 0)) for i, cost in enumerate(costs)]
-        )
+        header += ["cost for ever", ""]
+        columns += [[f"{cost:.6g}" for cost in costs], ["best" * (i == best) for i in range(len(modes))]]
     told = [
         f"{what}: {missing[name]}"
         for name, what in (
@@ -132,7 +128,7 @@ def _pairs(report: "Report") -> _Block:
         return _Block(heading, (), [("pairs", report.reasons["pairs"])])
     cells = [
         [
-            "-" if verdict == "not done" else f"{value:.4g}{_MARK[verdict] or ' '}"
+            "-" if verdict == "not done" else f"{_entry(value)}{_MARK[verdict] or ' '}"
             for value, verdict in zip(*row, strict=True)
         ]
         for row in zip(found.lower.tolist(), found.verdicts, strict=True)
@@ -151,6 +147,10 @@ def _pairs(report: "Report") -> _Block:
     )
     rows = [(f"{names[j]}, {names[i]}", cells[i][j]) for i, j in order[:_WORST]]
     return _Block(heading.replace("two modes", f"two modes, the worst {len(rows)}"), ("pair", "growth"), rows)
+
+
+def _entry(growth: float) -> str:
+    return f"{growth:.4f}" if growth < 1000 else f"{growth:.4g}"
 
 
 def _dwell(report: "Report") -> _Block:
