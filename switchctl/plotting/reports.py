@@ -12,14 +12,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from switchctl.moments import Array
-from switchctl.plotting.style import COLOURS, finish, mode_style, plain, positive, require, time_label
+from switchctl.plotting.style import finish, mode_style, plain, positive, require, time_label
 from switchctl.stability import Report
+from switchctl.stability.dwell_time import held
 from switchctl.stability.transient_growth import power_norms
 
 _FALLEN = 0.05  # norms are drawn until they have fallen to this
 _STEPS = 1000  # drawn, at most
 _LONGEST = 2**40
 _NUMBERS = 10  # modes up to which the cells of pairs hold numbers
+_BOX = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
 _OUTLINES = {"unstable": ("not stable", "-"), "undecided": ("undecided", (0, (2, 1)))}
 
 
@@ -53,19 +55,28 @@ def plot_report(report: Report, *, title: str | None = None) -> ControlPlot:
 
 
 def _radii(report: Report, ax: Axes) -> list[Any]:
-    """Bars, the unit circle, and the joint spectral radius between its bounds."""
+    """Bars from the unit circle, to the left of modes that are stable, and the joint spectral radius."""
     modes, joint = report.modes, report.joint_spectral_radius
-    _bars(report, ax, modes.spectral_radii, [f"{radius:.5g}" for radius in modes.spectral_radii])
+    radii = modes.spectral_radii
+    _bars(report, ax, radii - 1, 1.0)
+    ends = [1.0, *radii.tolist()]
     handles: list[Any] = [ax.axvline(1, color="black", lw=1.2, ls=":", label="unit circle")]
-    furthest = max(1.0, float(modes.spectral_radii.max()))
     if joint is not None:
-        furthest = max(furthest, joint.upper if joint.upper < 2 * max(joint.lower, 1) else joint.lower)
+        ends += [joint.lower, joint.upper if joint.upper < 2 * max(joint.lower, 1) else joint.lower]
         between = f"{joint.lower:.4g}", f"{joint.upper:.4g}"
         where = "" if report.graph.free else " under the rules"
         told = f"joint spectral radius{where}, {between[0] if between[0] == between[1] else ' to '.join(between)}"
-        ax.axvspan(joint.lower, joint.upper, color="black", alpha=0.25, lw=0)
+        ax.axvspan(joint.lower, joint.upper, color="black", alpha=0.2, lw=0, zorder=0.5)
         handles.append(ax.axvline(joint.lower, color="black", lw=1.6, label=told))
-    ax.set_xlim(0, 1.06 * furthest)
+    for i, radius in enumerate(radii.tolist()):
+        side: dict[str, Any] = {"xytext": (-5, 0), "ha": "right"} if radius < 1 else {"xytext": (5, 0), "ha": "left"}
+        side |= {"textcoords": "offset points", "va": "center", "fontsize": "x-small", "bbox": _BOX}
+        ax.annotate(f"{radius:.5g}", (radius, i), **side)
+    width = max(max(ends) - min(ends), 1e-3)
+    left, right = (0.3 if (radii < 1).any() else 0.05), (0.3 if (radii >= 1).any() else 0.08)
+    ax.set_xlim(min(ends) - left * width, max(ends) + right * width)
+    ax.ticklabel_format(axis="x", useOffset=False)
+    ax.locator_params(axis="x", nbins=6)
     ax.set_xlabel("spectral radius (growth per step)")
     return handles
 
@@ -87,7 +98,7 @@ def _transients(report: Report, ax: Axes) -> list[Any]:
     ax.set_ylim(_FALLEN, max(2 * top, 10 if growths is None or any(g.step is None for g in growths) else 0))
     ax.axhline(1, color="black", lw=0.6, zorder=1)
     ax.grid(True, alpha=0.3)
-    return lines
+    return [*lines, Line2D([], [], ls="none", marker="o", ms=4, color="black", label="greatest")]
 
 
 def _shown(report: Report) -> int:
@@ -119,7 +130,8 @@ def _pairs(report: Report, ax: Axes) -> list[Any]:
         if m <= _NUMBERS:
             dark = np.isfinite(value) and abs(value - 1) > 0.6 * spread
             style: dict[str, Any] = {"ha": "center", "va": "center", "color": "white" if dark else "black"}
-            told = f"{value:.4g}" if np.isfinite(value) else "-"
+            places = 4 if m <= 6 else 2
+            told = "-" if np.isnan(value) else f"{value:.{places}f}" if value < 10 else f"{value:.{places}g}"
             ax.text(j + 0.5, i + 0.5, told, fontsize="small" if m <= 6 else "x-small", **style)
         if verdict in _OUTLINES:
             label, dashes = _OUTLINES[verdict]
@@ -142,31 +154,37 @@ def _dwell_times(report: Report, ax: Axes) -> list[Any]:
     unit = modes.dk
     all_alike, own, average = report.dwell_time, report.dwell_times, report.average_dwell_time
     if all_alike is None and own is None and average is None:
-        return _told(ax, report.reasons["dwell_time"], label)
+        word = report.stabilising_word
+        told = "" if word is None else f"\n\nfound: {held(word.word, modes.names)} repeated for ever"
+        return _told(ax, report.reasons["dwell_time"] + told, label)
     steps: Array = np.full(len(modes), np.nan) if own is None else np.array(own.dwell, dtype=float)
-    _bars(report, ax, steps * unit, [f"{d:g}" + (" step" if d == 1 else " steps") if d == d else "-" for d in steps])
+    _bars(report, ax, steps * unit, 0.0)
+    for i, d in enumerate(steps.tolist()):
+        words = "not known" if np.isnan(d) else f"{d:g} step{'s' * (d > 1)}"
+        style: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": "x-small", "bbox": _BOX}
+        ax.annotate(words, (0, i), (6, 0), **style)
     handles: list[Any] = []
     ends = [float(np.nanmax(steps, initial=1.0))]
-    for found, name, style in (
-        (all_alike, "all modes alike", {"color": "black", "ls": "-"}),
-        (average, "on average", {"color": COLOURS[3], "ls": "--"}),
+    for found, name, dashes in (
+        (all_alike, "all modes alike", "-"),
+        (average, "on average", "--"),
     ):
         if found is not None and np.isfinite(found.upper):
             told = f"{found.upper:.4g} step{'s' * (found.upper != 1)}"
-            handles.append(ax.axvline(found.upper * unit, lw=1.6, label=f"{name}, {told}", **style))
+            handles.append(ax.axvline(found.upper * unit, color="black", lw=1.6, label=f"{name}, {told}", ls=dashes))
             ends.append(float(found.upper))
+    joint = report.joint_spectral_radius
+    if report.graph.free and joint is not None and joint.verdict == "stable":
+        handles.append(Line2D([], [], ls="none", label="arbitrary switching is stable"))
     ax.set_xlim(0, 1.08 * max(ends) * unit)
     ax.set_xlabel(label)
     return handles
 
 
-def _bars(report: Report, ax: Axes, values: Array, told: list[str]) -> None:
-    """One bar a mode, with its value in words at the foot."""
-    m = len(values)
-    ax.barh(range(m), values, color=[mode_style(i)["color"] for i in range(m)], height=0.7)
-    box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-    for i, words in enumerate(told):
-        ax.annotate(words, (0, i), (6, 0), textcoords="offset points", va="center", fontsize="x-small", bbox=box)
+def _bars(report: Report, ax: Axes, widths: Array, left: float) -> None:
+    """One bar a mode."""
+    m = len(widths)
+    ax.barh(range(m), widths, left=left, color=[mode_style(i)["color"] for i in range(m)], height=0.7)
     ax.set_yticks(range(m), [plain(name) for name in report.modes.names], fontsize="small")
     ax.set_ylim(m - 0.4, -0.6)
     ax.grid(True, axis="x", alpha=0.3)
@@ -175,6 +193,7 @@ def _bars(report: Report, ax: Axes, values: Array, told: list[str]) -> None:
 
 def _told(ax: Axes, why: str, label: str) -> list[Line2D]:
     """Words where there is nothing to draw."""
-    ax.text(0.5, 0.5, plain(fill(why, 44)), transform=ax.transAxes, ha="center", va="center", fontsize="small")
+    told = "\n".join(fill(part, 44) for part in why.split("\n"))
+    ax.text(0.5, 0.5, plain(told), transform=ax.transAxes, ha="center", va="center", fontsize="small")
     ax.set(xticks=[], yticks=[], xlabel=label)
     return []

@@ -175,6 +175,7 @@ def report(
     --------
     >>> from switchctl.stability import report
     >>> report(ModeSet([[[0.5]], [[0.9]]], dt=0.1), Gaussian([1.0], [[0.0]]))
+    OUT
     """
     if not isinstance(modes, ModeSet):
         raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
@@ -331,8 +332,10 @@ class _Page:
         whole = self.report.joint_spectral_radius if self.report.graph.free else None
         pairs = [(i, j) for i in range(m) for j in range(i)]
         for done, (i, j) in enumerate(pairs):
-            share = max(self.least, end - time.perf_counter()) / (len(pairs) - done)
             known = m == 2 and whole is not None
+            if not known and time.perf_counter() > end:
+                break
+            share = max(end - time.perf_counter(), self.least) / (len(pairs) - done)
             growth = whole if known else _growth(SwitchingGraph(_only(modes, [j, i])), share)
             assert growth is not None
             if whole is not None and growth.lower > whole.lower:
