@@ -97,7 +97,7 @@ class Report:
     switching_help : SwitchingHelp or None
         Whether switching costs less than every single mode, and with x0 by how much.
     reasons : mapping of str to str
-        Why a part is None.
+        Why a part is None, or pairs are missing.
 
     Examples
     --------
@@ -174,8 +174,11 @@ def report(
     Examples
     --------
     >>> from switchctl.stability import report
-    >>> report(ModeSet([[[0.5]], [[0.9]]], dt=0.1), Gaussian([1.0], [[0.0]]))
-    OUT
+    >>> found = report(ModeSet([[[0.5]], [[0.9]]]), Gaussian([1.0], [[0.0]]))
+    >>> found.joint_spectral_radius.verdict, found.dwell_time.upper, found.switching_help.helps
+    ('stable', 1, False)
+    >>> print(str(found).splitlines()[4])
+    A0                0.5         stable            1     0        1.33333  best
     """
     if not isinstance(modes, ModeSet):
         raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
@@ -260,9 +263,8 @@ class _Page:
         self.report = replace(self.report, **{name: found})
 
     def miss(self, name: str, why: str) -> None:
-        """Say why a part is not there, unless some of it is."""
-        if getattr(self.report, name) is None:
-            self.reasons[name] = why
+        """Say why a part, or some of it, is not there."""
+        self.reasons[name] = why
 
     def done(self) -> Report:
         """The page."""

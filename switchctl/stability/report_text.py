@@ -139,6 +139,8 @@ def _pairs(report: "Report") -> _Block:
     ]
     legend += ["- not done"] * ("not done" in marks)
     heading += f" ({', '.join(legend)})" if legend else " (all stable)"
+    why = report.reasons.get("pairs", "not done")
+    heading += "" if why == "not done" else f": {why}"
     table = _Block(heading, ("", *names), [(name, *row) for name, row in zip(names, cells, strict=True)])
     if max(map(len, text_table(table.header, table.rows).splitlines())) <= _WIDTH:
         return table
