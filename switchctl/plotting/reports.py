@@ -44,7 +44,7 @@ def plot_report(report: Report, *, title: str | None = None) -> ControlPlot:
     m = len(report.modes)
     size = (9.6, 2 * max(3.2, 1.6 + 0.22 * m))
     figure, axes = plt.subplots(2, 2, figsize=size, layout="constrained", width_ratios=(1, 1.1))
-    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.1)  # type: ignore[union-attr]
+    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.1)
     lines = np.empty((2, 2), dtype=object)
     for place, draw in (((0, 0), _radii), ((0, 1), _transients), ((1, 0), _pairs), ((1, 1), _dwell_times)):
         handles = draw(report, axes[place])

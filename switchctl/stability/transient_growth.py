@@ -1,8 +1,9 @@
 """How large a state gets while one mode is held: the greatest of the norms ``||A^k||_2``, over all k."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from switchctl.gramians import tail
 from switchctl.moments import Array
@@ -94,7 +95,7 @@ def transient_growth(A: Array, stability: Verdict) -> TransientGrowth:
     return TransientGrowth(best, max(best, dropped) if finished else np.inf, step)
 
 
-def power_norms(A: Array, steps: Array) -> Array:
+def power_norms(A: Array, steps: NDArray[np.integer]) -> Array:
     """``||A^k||_2`` at given steps.
 
     Parameters
@@ -122,7 +123,7 @@ def power_norms(A: Array, steps: Array) -> Array:
 
 def _norms(A: Array) -> list[tuple[Array, float]]:
     """Some T in whose norm ``||T x||_2`` the mode never grows, and the norms of their inverses."""
-    candidates = []
+    candidates: list[Any] = []
     values, vectors = np.linalg.eig(A)
     radius = float(np.abs(values).max())
     try:
@@ -136,7 +137,7 @@ def _norms(A: Array) -> list[tuple[Array, float]]:
         candidates += [np.where(fast, weight, 1.0)[:, None] * np.linalg.inv(vectors) for weight in (1.0, _WEIGHT)]
     found = []
     for T in candidates:
-        back = np.linalg.inv(T)
+        back: Array = np.linalg.inv(T)
         if np.linalg.norm(T @ A @ back, 2) < 1:
             found.append((T, float(np.linalg.norm(back, 2))))
     return found
