@@ -177,7 +177,7 @@ def report(
     >>> found = report(ModeSet([[[0.5]], [[0.9]]]), Gaussian([1.0], [[0.0]]))
     >>> found.joint_spectral_radius.verdict, found.dwell_time.upper, found.switching_help.helps
     ('stable', 1, False)
-    >>> print(str(found).splitlines()[4])
+    >>> print(str(found).splitlines()[5])
     A0                0.5         stable            1     0        1.33333  best
     """
     if not isinstance(modes, ModeSet):
