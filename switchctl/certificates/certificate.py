@@ -157,7 +157,7 @@ class Certificate:
 def loosened(bound: float, prove: Callable[[float], None], down: bool = False) -> float:
     """A bound near the one given, above or below it, that holds in exact arithmetic."""
     for share in SHARES:
-        claimed = bound * (1 - share if down else 1 + share)
+        claimed = bound * (1 - share if down else 1 + share) if bound else share
         if holds(partial(prove, claimed)):
             return claimed
     raise ValueError(f"the bound {bound} is too ill-conditioned to be proven in exact arithmetic")

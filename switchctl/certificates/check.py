@@ -22,6 +22,8 @@ BITS = 160  # of a moment below the size of the first one
 BYTES = 1 << 27  # of a file
 STATES = 100
 NODES = 100_000
+WORK = 5 * 10**9  # multiplications, and bits of the numbers in a matrix
+EXACT = 40_000  # bits of a determinant
 
 
 class Rejected(Exception):
@@ -52,6 +54,7 @@ class Matrix:
     def at(self, exponent: int) -> "Matrix":
         """The same over a greater power of two."""
         shift = exponent - self.exponent
+        need(shift * len(self.rows) ** 2 <= WORK // 5, "numbers differ in size beyond all use")
         return Matrix([[entry << shift for entry in row] for row in self.rows], exponent)
 
     def __add__(self, other: "Matrix") -> "Matrix":
@@ -116,6 +119,8 @@ class Matrix:
         """Whether it is positive semidefinite (or definite): by elimination without fractions where it isn't clear."""
         if self.surely_definite():
             return True
+        if len(self.rows) * max(abs(entry).bit_length() for row in self.rows for entry in row) > EXACT:
+            return False
         M, last = [row[:] for row in self.rows], 1
         for k in range(len(M)):
             pivot = M[k][k]
@@ -153,10 +158,10 @@ def number(text: Any) -> float:
         raise Unreadable(f"{text!r:.50} stands where a hexadecimal number should")
     try:
         value = float.fromhex(text)
-        if value - value != 0:
+        if value - value != 0 or value.hex() != text:  # what is rounded when it is read would not be what is claimed
             raise ValueError
     except (ValueError, OverflowError):
-        raise Unreadable(f"{text!r} is not a finite hexadecimal number") from None
+        raise Unreadable(f"{text!r} is not a finite hexadecimal number as float.hex writes it") from None
     return value
 
 
@@ -360,7 +365,7 @@ class Graph:
     def __init__(self, A: list[Matrix], moves: list[list[tuple[int, int]]]) -> None:
         self.A, self.moves = A, moves
         need(all(0 <= k < len(A) and 0 <= w < len(moves) for ways in moves for k, w in ways), "a move leads nowhere")
-        need(all(moves), "a run comes to an end")
+        need(bool(moves) and all(moves), "a run comes to an end")
 
     @classmethod
     def read(cls, data: dict[str, Any]) -> "Graph":
@@ -381,7 +386,7 @@ class Graph:
         first = [[i for i in range(m)] for _ in range(m)]
         if data["first"] is not None:
             A = A + [Matrix.read(M, len(A[0].rows)) for row in data["first"] for M in row]
-            need(len(A) == m + m * m, "the first steps are incomplete")
+            need([len(row) for row in data["first"]] == [m] * m, "the first steps are incomplete")
             first = [[i if i == j else m + m * j + i for i in range(m)] for j in range(m)]
         moves = []
         for j in range(m):
@@ -400,6 +405,8 @@ class Graph:
         norms = [(whole(v), Matrix.read(R, n)) for v, R in listed(witness["norms"])]
         need(all(0 <= v < len(rank) and R.symmetric() and R.definite(True) for v, R in norms), "a norm is not one")
         need(len(listed(witness["trees"])) == len(norms), "a norm has no tree")
+        if sum(map(len, witness["trees"])) * n**3 > WORK:
+            raise Unreadable("the trees would take too long")
         need(all(rank[w] <= rank[v] for v, ways in enumerate(self.moves) for _, w in ways), "a rank rises")
         self.meets_a_norm({v for v, _ in norms}, rank)
         for (v, R), tree in zip(norms, witness["trees"], strict=True):
@@ -442,6 +449,8 @@ class Graph:
             k, v = self.moves[v][way]
             word.append(k)
         need(v == start and 0 < len(word) <= LARGEST, "the cycle is not closed, or too long")
+        if len(word) * len(self.A[0].rows) ** 3 > WORK:
+            raise Unreadable("the cycle would take too long")
         H = X = indefinite(witness, len(self.A[0].rows))
         for k in reversed(word):
             X = transformed(self.A[k], X).coarse(up=False)
@@ -458,12 +467,15 @@ def indefinite(witness: dict[str, Any], n: int) -> Matrix:
 
 def power(base: float, exponent: int, up: bool) -> Fraction:
     """A number close to a power, above or below it."""
-    value = Fraction(1)
+    factor, bottom = base.as_integer_ratio()
+    value, places = 1, 0  # value / 2 ** places
     for bit in bin(exponent)[2:]:
-        value = value * value * (Fraction(base) if bit == "1" else 1)
-        shift = max(0, value.numerator.bit_length() - BITS)
-        value = Fraction(((value.numerator >> shift) + (up and shift > 0)) << shift, value.denominator)
-    return value
+        value, places = value * value * (factor if bit == "1" else 1), 2 * places
+        places += bottom.bit_length() - 1 if bit == "1" else 0
+        shift = max(0, value.bit_length() - BITS)
+        value, places = (value >> shift) + (up and shift > 0), places - shift
+    need(abs(places) <= 200 * LARGEST, "a power is beyond all use")
+    return Fraction(value, 1 << places) if places >= 0 else Fraction(value << -places)
 
 
 def joint_spectral_radius(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> None:
@@ -521,13 +533,15 @@ def mean_square(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, 
         return total
 
     lower, upper = (Fraction(number(claim[name])) for name in ("lower", "upper"))
+    need(upper >= 0 and bool(moves), "the bound is negative, or there is no node")
     P = [Matrix.read(X, n) for X in witness["P"]]
     need(len(P) == len(moves) and all(X.symmetric() and X.definite(True) for X in P), "a P is not positive definite")
     need(all((X.times(upper**2) + -before(v, P)).definite() for v, X in enumerate(P)), "moments may grow faster")
     if lower != 0:
         H = [Matrix.read(X, n) for X in witness["H"]]
         need(lower > 0 and len(H) == len(moves) and all(X.symmetric() for X in H), "an H is missing or not symmetric")
-        indefinite({"H": witness["H"][whole(witness["node"])], "x": witness["x"]}, n)
+        need(0 <= whole(witness["node"]) < len(H), "x stands at no node")
+        indefinite({"H": witness["H"][witness["node"]], "x": witness["x"]}, n)
         need(all((before(v, H) + -X.times(lower**2)).definite() for v, X in enumerate(H)), "moments may grow slower")
 
 
