@@ -36,9 +36,10 @@ def random_schur(seed, activation=False):
 
 
 def held_moves(modes, dwell):
-    """Moves where every mode is held for its dwell time, one step each, written anew: nodes are (mode, steps so far)."""
+    """Moves where every mode is held for its dwell time, step by step; nodes are (mode, steps so far)."""
     m = len(modes)
-    node = {(i, c): k for k, (i, c) in enumerate((i, c) for i in range(m) for c in range(1, dwell[i] + 1))}
+    places = [(i, c) for i in range(m) for c in range(1, dwell[i] + 1)]
+    node = {place: k for k, place in enumerate(places)}
     moves = []
     for (i, c), v in node.items():
         moves.append((v, node[i, min(c + 1, dwell[i])], modes.A[i], i))
@@ -78,7 +79,7 @@ def test_geromel_and_colaneri_need_six():
     check_least(found)
 
 
-@pytest.mark.parametrize("seed", range(14))
+@pytest.mark.parametrize("seed", range(10))
 def test_random_modes_against_all_signals(seed):
     found = minimum_dwell_time(random_schur(seed, activation=seed % 2 == 1), time_limit=8)
     check_least(found)
@@ -115,7 +116,7 @@ def test_dwell_times_of_each_mode():
     check_each(found)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_modes_with_dwell_times_of_each(seed):
     check_each(mode_dependent_dwell_times(random_schur(20 + seed, activation=seed % 2 == 1), time_limit=8))
 
@@ -158,7 +159,7 @@ def test_average_dwell_times(modes):
     assert found.lower > 1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_average_dwell_times_of_random_modes(seed):
     check_average(average_dwell_time(random_schur(40 + seed, activation=seed % 2 == 1), time_limit=6))
 
@@ -221,7 +222,7 @@ def test_wrong_input(function):
 
 
 def test_an_interrupt_keeps_the_bounds(monkeypatch):
-    """Ctrl-C while a shorter dwell time is looked into: what is known to be stable is returned, and nothing more tried."""
+    """Ctrl-C while a shorter dwell time is looked into: what is known is returned, and nothing more is tried."""
     inside, calls = sys.modules["switchctl.stability.joint_spectral_radius"], []
     run = inside._Search._run
 

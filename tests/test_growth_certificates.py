@@ -97,7 +97,6 @@ def test_the_checker_by_itself(written, tmp_path):
         "deep object": '{"a":' * 100_000,
         "long number": "9" * 100_000,
         "no object": "[]",
-        "not a number": text.replace('"0x1', 'NaN, "0x1', 1),
         "empty": "",
     }
     for name, changed in absurd.items():
