@@ -1,7 +1,7 @@
 """How fast the state can grow under arbitrary switching, or under rules: the joint spectral radius."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -26,6 +26,7 @@ _LONGEST = 40  # moves of a cycle that is tried
 _HELD = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 19)}))  # how often a move may be repeated in one
 _SWITCHES = 4  # moves of a cycle of such
 _CLOSE = 1e-7  # to a threshold
+_SIDE = 5.0  # seconds to find out on which side of 1 it is, where the bounds don't tell
 _ENDINGS = ("tolerance reached", "time limit", "interrupted")
 
 
@@ -161,7 +162,8 @@ def joint_spectral_radius(
     modes_or_graph : ModeSet or SwitchingGraph
         The modes, or modes under rules: ``SwitchingGraph(modes, Rules(min_dwell=5))``.
     tol : float, optional
-        The gap between the bounds to stop at, relative to the upper one.
+        The gap between the bounds to stop at, relative to the upper one; where 1 lies between them, another search
+        asks on which side of it they should be.
     time_limit : float, optional
         Seconds after which no further way is tried.
 
@@ -187,7 +189,14 @@ def joint_spectral_radius(
     tol, time_limit = number(tol, "tol"), number(time_limit, "time_limit")
     if not (0 < tol < 1 and time_limit > 0):
         raise ValueError(f"tol = {tol}, time_limit = {time_limit}; expected 0 < tol < 1 and seconds above 0")
-    found = bounded(Moves.of(graph), tol, None, time.perf_counter() + time_limit)
+    moves, end = Moves.of(graph), time.perf_counter() + time_limit
+    found = bounded(moves, tol, None, end - time_limit / 4)
+    if found.verdict == "undecided" and found.status != "interrupted":
+        side = bounded(moves, tol, 1.0, min(end, time.perf_counter() + _SIDE))
+        if side.upper < found.upper:
+            found = replace(found, upper=side.upper, norms=side.norms, bounds={**found.bounds, "below one": side.upper})
+        if side.lower > found.lower:
+            found = replace(found, lower=side.lower, cycle=side.cycle, node=side.node)
     return JointSpectralRadius(**vars(found), graph=graph)
 
 

@@ -23,8 +23,7 @@ from switchctl.stability.average_dwell_time import AverageDwellTime, average_dwe
 from switchctl.stability.dwell_time import DwellTime, DwellTimes, minimum_dwell_time, mode_dependent_dwell_times
 from switchctl.stability.growth import GrowthRate, verdict
 from switchctl.stability.helps import SwitchingHelp, does_switching_help
-from switchctl.stability.joint_spectral_radius import JointSpectralRadius, bounded, joint_spectral_radius
-from switchctl.stability.moves import Moves
+from switchctl.stability.joint_spectral_radius import JointSpectralRadius, joint_spectral_radius
 from switchctl.stability.report_text import report_html, report_text
 from switchctl.stability.switching import schur_stability, stabilising_word
 from switchctl.stability.transient_growth import TransientGrowth, transient_growth
@@ -244,7 +243,7 @@ class _Page:
             ("spectral_radii", 0, lambda _: schur_stability(modes)),
             ("transient_growth", 0, lambda _: self.transients()),
             ("costs", 0, lambda _: self.costs()),
-            ("joint_spectral_radius", 2, lambda seconds: _growth(graph, seconds)),
+            ("joint_spectral_radius", 2, lambda seconds: joint_spectral_radius(graph, _TOLERANCE, seconds)),
             ("dwell_time", 2, self.dwell_time),
             ("dwell_times", 3, self.dwell_times),
             ("average_dwell_time", 2, self.average_dwell_time),
@@ -338,7 +337,7 @@ class _Page:
             if not known and time.perf_counter() > end:
                 break
             share = max(end - time.perf_counter(), self.least) / (len(pairs) - done)
-            growth = whole if known else _growth(SwitchingGraph(_only(modes, [j, i])), share)
+            growth = whole if known else joint_spectral_radius(_only(modes, [j, i]), _TOLERANCE, share)
             assert growth is not None
             if whole is not None and growth.lower > whole.lower:
                 whole = replace(whole, lower=growth.lower, cycle=tuple((j, i)[mode] for mode in growth.cycle), node=0)
@@ -354,17 +353,3 @@ def _only(modes: ModeSet, kept: list[int]) -> ModeSet:
     """Some of the modes, without what they cost."""
     activation = None if modes.activation is None else modes.activation[np.ix_(kept, kept)]
     return ModeSet(modes.A[kept], [modes.names[i] for i in kept], modes.dt, activation=activation)
-
-
-def _growth(graph: SwitchingGraph, seconds: float) -> JointSpectralRadius:
-    """The joint spectral radius, after a search that only asks on which side of 1 it is."""
-    end = time.perf_counter() + seconds
-    side = bounded(Moves.of(graph), _TOLERANCE, 1.0, time.perf_counter() + seconds / 2)
-    if side.status == "interrupted":
-        return JointSpectralRadius(**vars(side), graph=graph)
-    found = joint_spectral_radius(graph, _TOLERANCE, max(end - time.perf_counter(), seconds / 10))
-    if side.upper < found.upper:
-        found = replace(found, upper=side.upper, norms=side.norms, bounds={**found.bounds, "side of 1": side.upper})
-    if side.lower > found.lower:
-        found = replace(found, lower=side.lower, cycle=side.cycle, node=side.node)
-    return found
