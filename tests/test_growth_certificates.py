@@ -61,6 +61,7 @@ def written():
 def test_true_claims_are_accepted(written):
     for certificate in written:
         certificate.check()
+        assert is_true(certificate.document)
     assert written[0].lower <= 3.917384715148 + 1e-11 and 3.91738471514 <= written[0].upper <= 3.9214
     assert written[0].lower == pytest.approx(3.917384715148, abs=1e-9)
     assert written[3].claim == {"stable": [3] * 5, "unstable": [2] * 5}
@@ -288,6 +289,12 @@ def test_what_an_adversary_may_try():
         "two norms": radius_document(
             [two], loop, h(0.5), proof={"rank": [0], "norms": [[0, ONE], [0, hexed([[99.0]])]], "trees": [[1], [0]]}
         ),
+        "a cut at another node": radius_document(
+            [half, two],
+            [[[0, 1]], [[1, 1]]],
+            h(0.5),
+            proof={"rank": [0, 0], "norms": [[0, hexed([[99.0]])], [1, ONE]], "trees": [[0], [0]]},
+        ),
         "a tree too long": radius_document(
             [half], loop, h(0.5), proof={"rank": [0], "norms": [[0, ONE]], "trees": [[0, 0]]}
         ),
@@ -335,7 +342,14 @@ def test_a_bound_of_moments_below_zero_is_no_bound():
 def test_first_steps_must_be_one_for_each_pair():
     half = hexed([[0.5]])
     witness = {"rank": [0, 0], "norms": [[0, ONE], [1, ONE]], "trees": [[0, 1], [0, 1]]}
-    for first, told in (([[half, half], [half, half]], "accepted"), ([[half] * 3, [half]], "rejected")):
+    three = hexed([[3.0]])
+    for first, told in (
+        ([[half, half], [half, half]], "accepted"),
+        ([[half] * 3, [half]], "rejected"),
+        ([[half, three], [half, half]], "rejected"),
+        ([[half, half], [three, half]], "rejected"),
+        ([[three, half], [half, three]], "accepted"),  # what goes on is not taken over
+    ):
         data = {"names": [], "A": [half, half], "first": first}
         claim, proof = {"stable": [1, 1], "unstable": None}, {"stable": witness, "unstable": None, "rate": (0.5).hex()}
         assert verdict(Certificate.of(DWELL, data, claim, proof).document) == told
