@@ -302,6 +302,9 @@ def test_what_an_adversary_may_try():
             [half], loop, h(0.5), proof={"rank": [0], "norms": [[0, ONE]], "trees": [[-1]]}
         ),
         "x of nothing": radius_document([half], loop, h(0.5), h(1.0), cycle={**cycle, "x": hexed([[0.0]])}),
+        "H below zero and x of nothing": radius_document(
+            [half], loop, h(0.5), h(1.0), cycle={**cycle, "H": hexed([[-1.0]]), "x": hexed([[0.0]])}
+        ),
         "H below zero": radius_document([half], loop, h(0.5), h(1.0), cycle={**cycle, "H": hexed([[-1.0]])}),
         "a way from the end": radius_document([half], loop, h(0.5), h(0.5), cycle={**cycle, "moves": [-1]}),
         "no cycle": radius_document([half], loop, h(0.5), h(0.5), cycle={**cycle, "moves": []}),

@@ -245,6 +245,26 @@ def test_parts_that_are_left_for_ever():
     assert len(Moves.of(graph).places) == 3  # of the cycle without a choice, one node is enough
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_a_lift_has_the_same_runs(seed):
+    for part in Moves.of(random_graph(seed)).components():
+        lifted = part.lifted()
+        assert runs_of(lifted, 2) == {run[1:] for run in runs_of(part, 3)}
+        assert len(lifted) == len(part.tail) and len(lifted.tail) == sum((part.tail == v).sum() for v in part.head)
+
+
+def runs_of(moves, count):
+    """The words of all runs of so many moves, with the places that each comes to."""
+    runs = [((), int(v)) for v in range(len(moves))]
+    for _ in range(count):
+        runs = [
+            ((*done, (moves.words[e], moves.places[moves.head[e]])), int(moves.head[e]))
+            for done, v in runs
+            for e in np.flatnonzero(moves.tail == v)
+        ]
+    return {done for done, _ in runs}
+
+
 def test_activation_counts():
     """Two modes that vanish, but every switch trebles the state."""
     activation = np.tile(np.eye(2), (2, 2, 1, 1))
