@@ -1,10 +1,10 @@
-"""The command line: run a model, compare methods, list the models."""
+"""The command line: run a model, compare methods, report on its modes, list the models."""
 
 import argparse
 import io
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from switchctl import __version__
 from switchctl.certificates import certify
 from switchctl.comparison import Comparison, compare
+from switchctl.files import write_text
 from switchctl.gaussian import Gaussian
 from switchctl.load_model import Model, bundled, load_model
 from switchctl.methods import FewSwitches, Method, Optimal, PointwiseMinimum, RecedingHorizon, Refine, Rollout
@@ -21,6 +22,7 @@ from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
 from switchctl.rules import Rules
+from switchctl.stability import report
 
 METHODS = {
     "receding-horizon": RecedingHorizon,
@@ -103,6 +105,12 @@ def _parser() -> argparse.ArgumentParser:
     _model_arguments(comparison)
     comparison.set_defaults(command=_compare)
 
+    page = commands.add_parser("report", help="tell everything known about a model's modes", allow_abbrev=False)
+    _system_arguments(page)
+    page.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds, default 60")
+    page.add_argument("--save", type=Path, metavar="DIR", help="write report.txt, report.png and certificates there")
+    page.set_defaults(command=_report)
+
     models = commands.add_parser("models", help="list the bundled models", allow_abbrev=False)
     models.add_argument("--json", action="store_true", help="print JSON")
     models.set_defaults(command=_models)
@@ -110,13 +118,18 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _model_arguments(parser: argparse.ArgumentParser) -> None:
+    _system_arguments(parser)
+    parser.add_argument("--steps", type=int, metavar="N", help="default: until W2 is 1e-12 of its start")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _system_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
         help="a bundled model (see 'switchctl models'), a Python file with modes() (or plant() and "
         "controllers()), initial_state() and perhaps method() and rules(), or a .json or .mat file with the matrices A",
     )
-    parser.add_argument("--steps", type=int, metavar="N", help="default: until W2 is 1e-12 of its start")
     parser.add_argument("--mean", type=_numbers, metavar="X,X,..", help="mean of the initial state")
     parser.add_argument(
         "--cov",
@@ -128,7 +141,6 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-dwell", type=int, metavar="N", help="least steps in a mode once taken")
     parser.add_argument("--switch-cost", type=float, metavar="X", help="cost of a switch")
     parser.add_argument("--max-switches", type=int, metavar="N", help="greatest number of switches")
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _horizon(text: str) -> int | float:
@@ -224,11 +236,14 @@ def _run(asked: argparse.Namespace) -> bool:
     return _whole(comparison)
 
 
-def _certified(schedule: Schedule, path: Path) -> list[Path]:
+def _certified(found: Any, path: Path) -> list[Path]:
     """Write a certificate, or say on stderr why there is none; an older one does not stay."""
     path.unlink(missing_ok=True)
+    if found is None:
+        return []
     try:
-        return [certify(schedule, schedule.gap or 1e-9).save(path)]
+        gap = (found.gap or 1e-9) if isinstance(found, Schedule) else None
+        return [certify(found, gap).save(path)]
     except ValueError as error:
         print(f"switchctl: no certificate: {error}", file=sys.stderr)
         return []
@@ -243,6 +258,23 @@ def _compare(asked: argparse.Namespace) -> bool:
     comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps, _rules(asked, model))
     print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
     return _whole(comparison)
+
+
+def _report(asked: argparse.Namespace) -> bool:
+    """Print the report, and save it with a certificate of every guarantee that has one."""
+    model = load_model(asked.model)
+    x0 = None if asked.mean is None and model.initial_state is None else _initial_state(asked, model)
+    found = report(model.modes, x0, _rules(asked, model), time_limit=asked.time_limit)
+    print(found)
+    if asked.save:
+        asked.save.mkdir(parents=True, exist_ok=True)
+        saved = [write_text(asked.save / "report.txt", f"{found}\n"), asked.save / "report.png"]
+        _draw(found.plot, saved[-1])
+        for name in ("joint_spectral_radius", "dwell_time", "dwell_times", "average_dwell_time", "switching_help"):
+            saved += _certified(getattr(found, name), asked.save / f"{name}.json")
+        for path in saved:
+            print(f"saved {path}")
+    return "not done" not in found.reasons.values()
 
 
 def _whole(comparison: Comparison) -> bool:
@@ -289,18 +321,22 @@ def _finite(value: float) -> float | None:
 
 
 def _save(folder: Path, comparison: Comparison, schedule: Schedule) -> list[Path]:
+    files = [schedule.to_csv(folder / "schedule.csv"), schedule.save(folder / "schedule.json")]
+    for name, draw in (("w2.png", comparison.plot), ("area.png", comparison.plot_area)):
+        files.append(_draw(draw, folder / name))
+    return files
+
+
+def _draw(draw: Callable[[], Any], path: Path) -> Path:
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    files = [schedule.to_csv(folder / "schedule.csv"), schedule.save(folder / "schedule.json")]
-    for name, draw in (("w2.png", comparison.plot), ("area.png", comparison.plot_area)):
-        figure = draw().figure
-        figure.savefig(folder / name, dpi=150)
-        plt.close(figure)
-        files.append(folder / name)
-    return files
+    figure = draw().figure
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+    return path
 
 
 if __name__ == "__main__":

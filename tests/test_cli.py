@@ -329,3 +329,16 @@ def test_the_optimum_at_the_shell(capsys, tmp_path):
     code, out, _ = run(capsys, "run", "five_mode", "--method", "optimal", "--json")
     (told,) = json.loads(out)["schedules"]
     assert 0 <= told["cost"] - told["lower_bound"] <= 1e-3 * told["cost"]
+
+
+def test_a_report_with_its_certificates(tmp_path, capsys):
+    assert main(["report", "five_mode", "--time-limit", "5", "--save", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "Report: 5 modes" in out and "worst cycle found" in out
+    claims = sorted(tmp_path.glob("*.json"))
+    assert {path.stem for path in claims} >= {"joint_spectral_radius", "dwell_time", "switching_help"}
+    for path in claims:
+        check(json.loads(path.read_text()))
+    assert (tmp_path / "report.txt").read_text().startswith("Report: 5 modes")
+    assert (tmp_path / "report.png").stat().st_size > 10_000
+    assert main(["report", "nowhere"]) == 2
