@@ -251,3 +251,21 @@ def test_little_time():
     for seed in range(4):
         found = minimum_dwell_time(random_schur(seed), time_limit=1e-6)
         check_least(found)
+
+
+def test_little_time_gives_dwell_times_that_are_proven(monkeypatch):
+    modes = five_mode.modes()
+    found = mode_dependent_dwell_times(modes, time_limit=1e-6)
+    assert found.stable.verdict == "stable" and found.status == "done"
+    inside = sys.modules["switchctl.stability.average_dwell_time"]
+    norms, calls = inside.quadratic_norms, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return norms(*arguments)
+
+    monkeypatch.setattr(inside, "quadratic_norms", interrupted)
+    found = average_dwell_time(modes, time_limit=5)
+    assert found.status == "interrupted" and np.isfinite(found.upper) and "interrupted" in repr(found)

@@ -38,6 +38,8 @@ class AverageDwellTime:
         ``upper = -ln(jump) / ln(decay)``.
     P : array, shape (m, n, n)
         The norms ``sqrt(x' P_i x)``.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
@@ -47,13 +49,14 @@ class AverageDwellTime:
     decay: float
     jump: float
     P: Array
+    status: str = "done"
 
     def _facts(self) -> list[tuple[str, str]]:
         facts = [("stable from", f"{self.upper:.6g} steps on average")]
         facts.append(("norms", f"shrink by {self.decay:.6g} a step, grow by at most {self.jump:.6g} at a switch"))
         if self.word:
             facts.append(("not stable at", f"{self.lower:.6g} steps: {held(self.word, self.modes.names)}"))
-        return facts
+        return facts if self.status == "done" else [*facts, ("status", self.status)]
 
     def __repr__(self) -> str:
         return tree("AverageDwellTime", self._facts())
@@ -121,8 +124,13 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
             best = replace(best, upper=upper, decay=decay, jump=jump, P=P)
         return upper
 
-    minimize_scalar(least, bounds=(0.01, 0.99), method="bounded", options={"maxiter": _TRIED, "xatol": 1e-3})
-    return best
+    try:
+        minimize_scalar(least, bounds=(0.01, 0.99), method="bounded", options={"maxiter": _TRIED, "xatol": 1e-3})
+    except KeyboardInterrupt:
+        if not best.P.size:
+            raise
+        return replace(best, status="interrupted")
+    return replace(best, status=found.status)
 
 
 def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, ...]]:

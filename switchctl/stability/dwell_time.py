@@ -28,6 +28,8 @@ class DwellTime:
         The growth of a step with the dwell time ``upper``.
     unstable : Bounds or None
         The growth of a step with ``lower - 1``; None where lower is 1.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
@@ -35,6 +37,7 @@ class DwellTime:
     upper: int
     stable: Bounds
     unstable: Bounds | None
+    status: str = "done"
 
     @property
     def word(self) -> tuple[int, ...]:
@@ -50,7 +53,7 @@ class DwellTime:
         if self.unstable is not None:
             word = held(self.word, names)
             facts.append((f"dwell {self.lower - 1}", f"{word} grows by {self.unstable.lower:.8g} a step"))
-        return facts
+        return facts if self.status == "done" else [*facts, ("status", self.status)]
 
     def __repr__(self) -> str:
         return tree("DwellTime", self._facts())
@@ -109,8 +112,8 @@ def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:
             lower += 1
         elif upper - 1 == lower or not search.time_left:
             break
-    found = search.found
-    return DwellTime(modes, lower, upper, found[(upper,) * m], found[(lower - 1,) * m] if lower > 1 else None)
+    stable, unstable = search.found[(upper,) * m], search.found[(lower - 1,) * m] if lower > 1 else None
+    return DwellTime(modes, lower, upper, stable, unstable, search.status)
 
 
 def _least(holds: Callable[[int], bool], low: int, high: int) -> int:
@@ -143,11 +146,12 @@ class _Search:
         self.modes, self.end = modes, time.perf_counter() + time_limit
         self.share = time_limit / 20
         self.found: dict[tuple[int, ...], Bounds] = {}
+        self.interrupted = False
 
     @property
-    def interrupted(self) -> bool:
-        """Whether somebody has asked to stop."""
-        return any(f.status == "interrupted" for f in self.found.values())
+    def status(self) -> str:
+        """How the search ended."""
+        return "interrupted" if self.interrupted else "done"
 
     @property
     def time_left(self) -> bool:
@@ -161,9 +165,9 @@ class _Search:
         if dwell not in self.found or (again and self.found[dwell].verdict == "undecided" and self.time_left):
             end = min(time.perf_counter() + self.share * (5 if again else 1), max(self.end, time.perf_counter() + 1))
             self.found[dwell] = bounded(Moves.with_dwell(self.modes, dwell), _CLOSE, 1.0, end)
-            if self.found[dwell].status == "interrupted" and self.found[dwell].verdict != "stable":
-                if not any(f.verdict == "stable" for f in self.found.values()):
-                    raise KeyboardInterrupt
+            self.interrupted = self.found[dwell].status == "interrupted"
+            if self.interrupted and not any(f.verdict == "stable" for f in self.found.values()):
+                raise KeyboardInterrupt
         return self.found[dwell].verdict
 
 
@@ -181,19 +185,23 @@ class DwellTimes:
         Whether it is proven that with one step less for this mode alone, a signal is not.
     stable : Bounds
         The growth of a step with these dwell times.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
     dwell: tuple[int, ...]
     least: tuple[bool, ...]
     stable: Bounds
+    status: str = "done"
 
     def _facts(self) -> list[tuple[str, str]]:
         facts = [
             (name, f"{d} step{'s' * (d > 1)}" + ("" if least else " (perhaps less)"))
             for name, d, least in zip(self.modes.names, self.dwell, self.least, strict=True)
         ]
-        return [*facts, ("with these", f"every signal vanishes, by at most {self.stable.upper:.8g} a step")]
+        facts.append(("with these", f"every signal vanishes, by at most {self.stable.upper:.8g} a step"))
+        return facts if self.status == "done" else [*facts, ("status", self.status)]
 
     def __repr__(self) -> str:
         return tree("DwellTimes", self._facts())
@@ -232,8 +240,10 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     (2, 3, 3, 2, 3)
     """
     search = _Search(modes, time_limit)
-    dwell = (minimum_dwell_time(modes, time_limit / 2).upper,) * len(modes)
-    search.verdict(dwell)
+    common = minimum_dwell_time(modes, time_limit / 2)
+    dwell = (common.upper,) * len(modes)
+    search.found[dwell] = common.stable
+    search.interrupted = common.status == "interrupted"
     for i in range(len(dwell)):
         others = dwell[:i], dwell[i + 1 :]
 
@@ -244,4 +254,4 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     least = tuple(
         d == 1 or search.verdict((*dwell[:i], d - 1, *dwell[i + 1 :])) == "unstable" for i, d in enumerate(dwell)
     )
-    return DwellTimes(modes, dwell, least, search.found[dwell])
+    return DwellTimes(modes, dwell, least, search.found[dwell], search.status)
