@@ -373,5 +373,8 @@ def graph_under(modes: ModeSet, rules: Rules | SwitchingGraph | None) -> Switchi
 def as_graph(modes: ModeSet | SwitchingGraph) -> SwitchingGraph:
     """The graph given, or that of modes without rules."""
     if not isinstance(modes, ModeSet | SwitchingGraph):
-        raise TypeError(f"a method starts on a ModeSet or a SwitchingGraph(modes, rules), not a {type(modes).__name__}")
+        raise TypeError(
+            "expected a ModeSet (of matrices: ModeSet(matrices)) or a SwitchingGraph(modes, rules), "
+            f"not a {type(modes).__name__}"
+        )
     return modes if isinstance(modes, SwitchingGraph) else SwitchingGraph(modes)

@@ -84,7 +84,7 @@ def run(path):
 def test_the_checker_by_itself(written, tmp_path):
     for certificate in written[2:8:2]:
         path = certificate.save(tmp_path / "claim.json")
-        assert (run(path).returncode, run(path).stdout) == (0, "accepted\n")
+        assert run(path).returncode == 0 and run(path).stdout.startswith("accepted: ")
     text = path.read_text()
     document = json.loads(text)
     document["claim"]["stable"] = float(0).hex()

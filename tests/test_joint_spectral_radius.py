@@ -318,7 +318,7 @@ def test_an_interrupt_ends_all_parts(monkeypatch):
 
 def test_wrong_input():
     modes = ModeSet([[[0.5]]])
-    with pytest.raises(TypeError, match="ModeSet or a SwitchingGraph"):
+    with pytest.raises(TypeError, match="or a SwitchingGraph"):
         joint_spectral_radius([[0.5]])
     with pytest.raises(TypeError, match="tol"):
         joint_spectral_radius(modes, tol="small")
@@ -334,3 +334,12 @@ def test_wrong_input():
     ):
         with pytest.raises(ValueError, match=next(iter(keywords))):
             joint_spectral_radius(modes, **keywords)
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e8, 1e40, 1e80, 1e200])
+def test_units_of_the_states_make_no_difference(size):
+    """A growth of 1.1635 in states that differ much in size: never "stable"."""
+    modes = ModeSet([[[0.5, 1 / size], [0.0, 0.5]], [[0.5, 0.0], [0.9 * size, 0.5]]])
+    found = joint_spectral_radius(modes)
+    assert found.lower == pytest.approx(1.1635440866297668) and found.verdict == "unstable"
+    assert found.upper <= found.lower * (1 + 1e-4)

@@ -350,7 +350,7 @@ def test_a_chain_that_may_never_leave_an_unstable_mode_is_unstable():
 
 def test_what_is_refused():
     modes = ModeSet([[[0.5]], [[1.1]]])
-    with pytest.raises(ValueError, match=r"row 1 of probabilities adds up to 0\.9"):
+    with pytest.raises(ValueError, match=r"the sum of row 1 of probabilities is 0\.9"):
         random_stability(modes, [[0.5, 0.5], [0.5, 0.4]])
     with pytest.raises(ValueError, match=r"probabilities has an entry -0\.5"):
         random_stability(modes, [1.5, -0.5])

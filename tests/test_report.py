@@ -14,8 +14,8 @@ import switchctl.stability
 from switchctl import Gaussian, ModeSet, Rules, SwitchingGraph, single_mode_costs
 from switchctl.models import five_mode, quadrotor, servo
 from switchctl.plotting import plot_report
-from switchctl.stability import AverageDwellTime, Report, joint_spectral_radius, report, transient_growth
-from switchctl.stability.transient_growth import power_norms
+from switchctl.stability import AverageDwellTime, Report, joint_spectral_radius, report
+from switchctl.stability.transient_growth import power_norms, transient_growth
 
 MODULE = sys.modules["switchctl.stability.report"]
 ALTERNATING = ModeSet([[[0.0, 2.0], [0.0, 0.5]], [[0.5, 0.0], [2.0, 0.0]]], names=["up", "down"], dt=0.1)
@@ -143,7 +143,7 @@ def test_unstable_modes():
     text = repr(found)
     assert "mode 'A0' is not Schur stable" in text
     assert text.count("is not Schur stable") == 1
-    assert "A0 A1 repeated falls by 0.707107 a step" in text
+    assert "A0 A1 repeated, rate 0.707107 a step" in text
     assert all(growth.lower == np.inf for growth in found.transient_growth)
     assert np.isinf(found.costs).all() and "best" not in text.splitlines()[4]
     found.plot().figure.canvas.draw()
@@ -185,10 +185,10 @@ ATTRIBUTES = {
     "spectral_radii": "schur_stability",
     "transient_growth": "transient_growth",
     "costs": "single_mode_costs",
-    "joint_spectral_radius": "_growth",
+    "joint_spectral_radius": "joint_spectral_radius",
     "dwell_time": "minimum_dwell_time",
-    "dwell_times": "mode_dependent_dwell_times",
-    "average_dwell_time": "average_dwell_time",
+    "dwell_times": "shortened",
+    "average_dwell_time": "averaged",
     "switching_help": "does_switching_help",
     "pairs": "_only",
 }
@@ -199,10 +199,10 @@ THREE = ModeSet([*ALTERNATING.A, 0.5 * np.eye(2)])
 def quick(monkeypatch):
     """An average dwell time that is known already."""
     known = AverageDwellTime(THREE, 0.0, 9.0, (), 0.5, 2.0, np.empty(0))
-    monkeypatch.setattr(MODULE, "average_dwell_time", lambda *arguments: known)
+    monkeypatch.setattr(MODULE, "averaged", lambda *arguments: known)
 
 
-@pytest.mark.parametrize("number, part", enumerate(ATTRIBUTES))
+@pytest.mark.parametrize("number, part", list(enumerate(ATTRIBUTES)))
 def test_a_part_that_fails_says_so(number, part, quick, monkeypatch):
     error = (ValueError, np.linalg.LinAlgError, FloatingPointError)[number % 3]
 

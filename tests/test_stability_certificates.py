@@ -206,7 +206,7 @@ def test_a_stabilising_word():
     certificate = certify(found)
     certificate.check()
     assert certificate.upper < 1
-    assert "grows by" in repr(certificate)
+    assert "the rate of the root mean square" in repr(certificate)
     assert stabilising_word(ModeSet([[[1.5]], [[2.0]]])) is None
 
 
@@ -272,3 +272,48 @@ def test_the_digest_is_of_what_is_claimed():
     document["sha256_of_proof"] = digest([document["claim"], document["witness"]])
     with pytest.raises(Rejected, match="may grow faster"):
         check(document)
+
+
+def test_what_a_policy_pays_besides_has_no_certificate():
+    for graph, words in (
+        (ModeSet([[[0.1]], [[0.9]]], offset=[1.0, 0.0]), "total costs"),
+        (SwitchingGraph(ModeSet([[[0.1]], [[0.9]]]), Rules(price=[1.0, 0.0])), "no certificate of its own"),
+        (ModeSet([[[0.1]], [[0.9]]], cost=("discounted", 0.5)), "total costs"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            certify(policy_stability(graph, Rollout()))
+
+
+def test_a_claim_has_the_keys_of_its_kind():
+    certificate = certify(does_switching_help(five_mode.modes()))
+    claim = {**certificate.document["claim"], "lower": (1.0).hex()}
+    with pytest.raises(Unreadable, match="expected gain moment"):
+        check(
+            Certificate.of("switching", certificate.document["data"], claim, certificate.document["witness"]).document
+        )
+    with pytest.raises(AttributeError, match="no 'lower'"):
+        _ = certificate.lower
+
+    def nowhere(document):
+        document["claim"]["moment"] = None
+
+    with pytest.raises(Rejected, match="from no moment"):
+        check(forged(certificate, nowhere))
+
+
+def test_endless_work_is_refused():
+    A = [[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]], 2.0**100 * np.eye(2)
+    certificate = certify(does_switching_help(ModeSet([*A])))
+    certificate.check()
+
+    def endless(document):
+        document["witness"]["single"][2] = {"steps": 100_000}
+
+    with pytest.raises(Rejected, match="beyond all use"):
+        check(forged(certificate, endless))
+
+    def long(document):
+        document["claim"]["lead"] = [1] * 10**6
+
+    with pytest.raises((Rejected, Unreadable)):
+        check(forged(certify(does_switching_help(quadrotor.modes("closed_loop"))), long))

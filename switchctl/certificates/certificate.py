@@ -26,6 +26,7 @@ class Certificate:
 
     Examples
     --------
+    >>> from switchctl.certificates import certify
     >>> modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"])
     >>> found = schedule(modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2)), Refine())
     >>> certificate = certify(found, gap=1e-5)
@@ -68,12 +69,17 @@ class Certificate:
     @property
     def lower(self) -> float:
         """The lower bound claimed: of the least cost, or of a growth."""
-        return float(self.claim["lower"])
+        return self._bound("lower")
 
     @property
     def upper(self) -> float:
         """The upper bound claimed."""
-        return float(self.claim["upper"])
+        return self._bound("upper")
+
+    def _bound(self, name: str) -> float:
+        if name not in self.claim:
+            raise AttributeError(f"a certificate of kind {self.kind!r} has no {name!r}; its claim is {self.claim}")
+        return float(self.claim[name])
 
     @property
     def gap(self) -> float:
@@ -131,7 +137,7 @@ class Certificate:
         return write_text(path, json.dumps(self.document, allow_nan=False))
 
     def __repr__(self) -> str:
-        return f"Certificate: {self._statement()}"
+        return f"Certificate claiming that {self._statement()}"
 
     def _statement(self) -> str:
         claim, witness = self.claim, self.document["witness"]
@@ -142,13 +148,13 @@ class Certificate:
         if self.kind == "joint spectral radius":
             return f"the joint spectral radius lies between {self.lower:.10g} and {self.upper:.10g}"
         if self.kind == "mean square":
-            return f"the root of the mean square grows by {self.lower:.10g} to {self.upper:.10g} a step"
+            return f"the rate of the root mean square lies between {self.lower:.10g} and {self.upper:.10g} a step"
         if self.kind == "rollout":
-            return f"under rollout the least cost of a mode falls by {claim['rate']:.8g} ** 2 a step"
+            return f"under rollout the least cost of a mode shrinks to {claim['rate'] ** 2:.8g} of itself a step"
         if self.kind == "switching":
             gain, helps = claim["gain"], claim["moment"] is not None
             parts = [f"switching saves at most {100 * gain:.3g} %"] if gain is not None else []
-            return ", ".join([*parts, *(["from a moment it helps"] if helps else [])])
+            return ", ".join([*parts, *(["it helps from the moment given"] if helps else [])])
         parts = [f"every signal with {self.kind} {claim['stable']} is stable"] if claim["stable"] is not None else []
         parts += [f"one with {claim['unstable']} is not"] if claim["unstable"] is not None else []
         return ", ".join(parts)

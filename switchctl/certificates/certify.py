@@ -73,5 +73,8 @@ def certify(
         if value is not None:
             raise ValueError(f"{name} is {value!r}, but it is for schedules; leave it out")
     if type(found) not in _WRITERS:
-        raise TypeError(f"found must be a Schedule or a result of switchctl.stability, not a {type(found).__name__}")
+        raise TypeError(
+            "found must be a Schedule or a result of switchctl.stability (of a tuple or a report, one of its entries), "
+            f"not a {type(found).__name__}"
+        )
     return _WRITERS[type(found)](found)

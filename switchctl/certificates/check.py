@@ -554,6 +554,7 @@ class Costs:
         self.Q = [Matrix.read(Q, self.n) for Q in data["Q"]]
         need(len(self.Q) == len(self.A), "the data is incomplete")
         need(all(Q.symmetric() and Q.definite() for Q in self.Q), "a stage weight is not positive semidefinite")
+        self.effort = 0
 
     def read(self, value: Any) -> Matrix:
         """Read a symmetric matrix."""
@@ -561,17 +562,24 @@ class Costs:
         need(M.symmetric(), "a matrix is not symmetric")
         return M
 
-    def before(self, word: list[int], P: Matrix) -> Matrix:
-        """What modes one after the other cost, and then P."""
+    def before(self, word: list[int], P: Matrix, up: bool) -> Matrix:
+        """What modes one after the other cost, and then P; or a matrix above (or below) that."""
         for i in reversed(word):
             need(0 <= i < len(self.A), "a word names no mode")
-            P = self.Q[i] + transformed(self.A[i], P)
+            self.effort += self.n**3
+            P = (self.Q[i] + transformed(self.A[i], P)).coarse(up)
+            need(abs(P.exponent) <= 2 * LARGEST, "a cost is beyond all use")
+            if self.effort > WORK // 50:
+                raise Unreadable("the words would take too long")
         return P
 
     def above(self, value: Any, word: list[int]) -> Matrix:
         """Read a matrix above what a word costs, repeated for ever."""
         P = self.read(value)
-        need(bool(word) and P.definite() and (P + -self.before(word, P)).definite(), "a cost may be higher than told")
+        need(
+            bool(word) and P.definite() and (P + -self.before(word, P, True)).definite(),
+            "a cost may be higher than told",
+        )
         return P
 
     def mean(self, weights: Any, P: list[Matrix]) -> Matrix:
@@ -599,12 +607,17 @@ def switching(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, An
             need((P + -most.times(kept)).definite(), "a single mode may cost more than is kept of it")
         for i, row in zip(range(len(costs.A)), witness["gain"]["combinations"], strict=True):
             for L, weights in zip(below, row, strict=True):
-                need((costs.before([i], L) + -costs.mean(weights, below)).definite(), "a step may lead below the bound")
-    if claim["moment"] is not None:
+                need(
+                    (costs.before([i], L, False) + -costs.mean(weights, below)).definite(),
+                    "a step may lead below the bound",
+                )
+    if claim["moment"] is None:
+        need(claim["cost"] is claim["lead"] is claim["word"] is None, "a cost is claimed from no moment")
+    else:
         S, cost = costs.read(claim["moment"]), Fraction(number(claim["cost"]))
         need(S.definite(), "the moment is not positive semidefinite")
         word = [whole(i) for i in listed(claim["word"])]
-        lead = costs.before([whole(i) for i in listed(claim["lead"])], costs.above(witness["tail"], word))
+        lead = costs.before([whole(i) for i in listed(claim["lead"])], costs.above(witness["tail"], word), True)
         need(dot(lead, S) <= cost, "the sequence costs more than claimed")
         need(len(listed(witness["single"])) == len(costs.A), "a mode is left out")
         for i, proof in enumerate(witness["single"]):
@@ -620,11 +633,11 @@ def single_below(costs: Costs, i: int, proof: dict[str, Any]) -> Matrix:
         L = identity(costs.n, 0.0)
         need(0 < whole(proof["steps"]) <= 10 * LARGEST, "the steps are too many")
         for _ in range(proof["steps"]):
-            L = costs.before([i], L).coarse(up=False)
+            L = costs.before([i], L, False)
         return L
     L, X = costs.read(proof["below"]), costs.read(proof["norm"])
     shrinks = X.definite(True) and (X + -transformed(costs.A[i], X)).definite(True)
-    need(shrinks and (costs.before([i], L) + -L).definite(), f"mode {i} may cost less than told")
+    need(shrinks and (costs.before([i], L, False) + -L).definite(), f"mode {i} may cost less than told")
     return L
 
 
@@ -646,14 +659,14 @@ def positive(text: Any) -> float:
     return value
 
 
-KINDS: dict[str, Callable[[dict[str, Any], dict[str, Any], dict[str, Any]], None]] = {
-    "optimum": optimum,
-    "joint spectral radius": joint_spectral_radius,
-    "dwell time": dwell_time,
-    "average dwell time": average_dwell_time,
-    "mean square": mean_square,
-    "switching": switching,
-    "rollout": rollout,
+KINDS: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any], dict[str, Any]], None], str]] = {
+    "optimum": (optimum, "lower upper"),
+    "joint spectral radius": (joint_spectral_radius, "lower upper"),
+    "dwell time": (dwell_time, "stable unstable"),
+    "average dwell time": (average_dwell_time, "stable unstable"),
+    "mean square": (mean_square, "lower upper"),
+    "switching": (switching, "gain moment cost lead word"),
+    "rollout": (rollout, "rate"),
 }
 
 
@@ -667,7 +680,10 @@ def check(document: dict[str, Any]) -> None:
         data, claim, witness = document["data"], document["claim"], document["witness"]
         need(document["sha256"] == digest(data), "the data was changed")
         need(document["sha256_of_proof"] == digest([claim, witness]), "the claim or the witness was changed")
-        KINDS[document["kind"]](data, claim, witness)
+        decide, keys = KINDS[document["kind"]]
+        if set(claim) != set(keys.split()):
+            raise Unreadable(f"the claim is of {', '.join(map(str, claim))}; expected {keys}")
+        decide(data, claim, witness)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
         raise Unreadable(f"not a certificate: {type(error).__name__} {error}") from None
 
@@ -679,6 +695,13 @@ def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
+def told(value: Any) -> str:
+    """A part of a claim, in decimals."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(told, value))}]"
+    return repr(float.fromhex(value)) if isinstance(value, str) else "none" if value is None else str(value)
+
+
 def main(arguments: list[str]) -> int:
     """Decide the file named."""
     if len(arguments) != 1:
@@ -688,14 +711,16 @@ def main(arguments: list[str]) -> int:
         if os.path.getsize(arguments[0]) > BYTES:
             raise Unreadable(f"a file of more than {BYTES} bytes")
         with open(arguments[0], encoding="utf-8") as file:
-            check(json.load(file, object_pairs_hook=once))
+            document = json.load(file, object_pairs_hook=once)
+        check(document)
     except Rejected as error:
         print(f"rejected: {error}")
         return 1
     except (Unreadable, OSError, ValueError, RecursionError, MemoryError) as error:
         print(f"unreadable: {error}")
         return 2
-    print("accepted")
+    claims = [f"{key} = {told(value)}" for key, value in document["claim"].items()]
+    print(f"accepted: {document['kind']}, {', '.join(claims)}")
     return 0
 
 

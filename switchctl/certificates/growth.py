@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from functools import partial
 from typing import Any
 
@@ -86,8 +87,14 @@ def average_dwell_time(found: AverageDwellTime) -> Certificate:
     loosened(1.0, prove)
     if found.word:
         witness["unstable"], rate = _word(graph, modes, (1,) * len(modes), found.word)
-        claim["unstable"] = math.nextafter(found.lower, 0).hex() if rate >= 1 else None
+        claim["unstable"] = _below(found.lower, found.word).hex() if rate >= 1 else None
     return Certificate.of("average dwell time", data, claim, witness)
+
+
+def _below(average: float, word: tuple[int, ...]) -> float:
+    """An average dwell time of a word, not rounded up."""
+    switches = sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
+    return average if Fraction(average) * switches <= len(word) else math.nextafter(average, 0.0)
 
 
 def _data(modes: ModeSet) -> dict[str, Any]:
@@ -132,7 +139,7 @@ def _cycle(graph: check.Graph, modes: ModeSet, node: int, ways: list[int], rate:
 def _floats(graph: check.Graph, modes: ModeSet) -> Iterator[Array]:
     """The matrices of a graph as floats."""
     for A in graph.A:
-        yield np.array([[float(entry) / 2.0**A.exponent for entry in row] for row in A.rows])
+        yield np.array([[float(Fraction(entry) / 2**A.exponent) for entry in row] for row in A.rows])
 
 
 def _norms(graph: check.Graph, norms: tuple[Norms, ...], nodes: Sequence[int]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.stability import PolicyStability, SwitchingHelp
 from switchctl.stability.falling import largest_share
+from switchctl.values import require_plain_total
 
 _STEPS = 10_000  # of a mode held, added up by the checker
 
@@ -99,10 +100,15 @@ def _tail(modes: ModeSet, word: tuple[int, ...]) -> tuple[Array, Array]:
 def rollout(found: PolicyStability) -> Certificate:
     """Prove how fast the least cost of a mode falls under rollout."""
     graph, modes = found.graph, found.graph.modes
-    if not (isinstance(found.method, Rollout) and found.fall is not None and graph.free and modes.activation is None):
+    if found.verdict != "stable":
+        raise ValueError(f"nothing was proven of {found.method!r}, so there is nothing to certify: {found.why}")
+    require_plain_total(modes, "a certificate of rollout")
+    paid = graph.price.any() or graph.switch_cost.any() or graph.switch_cost_per_w2.any()
+    plain = graph.free and modes.activation is None and not paid
+    if not (isinstance(found.method, Rollout) and found.fall is not None and plain):
         raise ValueError(
-            f"{found.method!r} has no certificate of its own here; only Rollout has one, without rules, activation and "
-            "noise. Certify what stability rests on: schur_stability(modes)[i], word_stability(modes, schedule.tail)"
+            f"{found.method!r} has no certificate of its own here; only Rollout has one, without rules, prices and "
+            "activation. Certify what stability rests on: schur_stability(modes)[i], word_stability(modes, word)"
         )
     if not all(np.linalg.eigvalsh(Q)[0] > 0 for Q in modes.Q):
         raise ValueError("a certificate of rollout needs positive definite stage weights, and one of these is singular")

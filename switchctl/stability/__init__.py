@@ -10,7 +10,7 @@ from switchctl.stability.moment_operator import Move
 from switchctl.stability.policies import PolicyStability, policy_stability
 from switchctl.stability.report import PairGrowth, Report, report
 from switchctl.stability.switching import random_stability, schur_stability, stabilising_word, word_stability
-from switchctl.stability.transient_growth import TransientGrowth, transient_growth
+from switchctl.stability.transient_growth import TransientGrowth
 
 __all__ = [
     "AverageDwellTime",
@@ -36,6 +36,5 @@ __all__ = [
     "report",
     "schur_stability",
     "stabilising_word",
-    "transient_growth",
     "word_stability",
 ]

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from switchctl.gramians import tail
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.stability.dwell_time import minimum_dwell_time, require_schur
+from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time
 from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import Moves
 from switchctl.stability.quadratic import quadratic_norms
@@ -96,9 +96,12 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
     >>> print(found.upper)  # one norm serves both
     0.0
     """
-    require_schur(modes)
-    found = minimum_dwell_time(modes, number(time_limit, "time_limit") / 2)
-    end = time.perf_counter() + time_limit / 2
+    return averaged(minimum_dwell_time(modes, number(time_limit, "time_limit") / 2), time_limit / 2)
+
+
+def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
+    """Find an average dwell time, given the least one, whose word shows what is too short."""
+    modes, end = found.modes, time.perf_counter() + time_limit
     lower, word = _unstable(modes, found.word)
     common = Moves.with_dwell(modes, (1,) * len(modes))
     one_node = replace(common, places=(0,), tail=0 * common.tail, head=0 * common.head)

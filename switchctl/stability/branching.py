@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.moments import Array
-from switchctl.stability.moves import Indices, Moves
+from switchctl.stability.moves import LEAST, Indices, Moves
 
 Tree = list[tuple[Indices, Indices, NDArray[np.bool_]]]
 
@@ -75,7 +75,7 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
     nodes = np.arange(V)
     nothing = np.tile(np.eye(n), (V, 1, 1))
     levels = [_Level(nodes, nodes, nodes, nodes, nothing, np.zeros(V), np.full(V, np.inf), np.full(V, -1))]
-    count, upper = 0, 0.0
+    count, upper, patterns = 0, 0.0, np.tile(np.eye(n, dtype=bool), (V, 1, 1))
     while True:
         last = levels[-1]
         target = max(cycle.rate * (1 + tol), goal)
@@ -88,7 +88,8 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
         parent = np.repeat(alive, [len(way) for way in ways])
         edge = np.concatenate(ways)
         product, steps = moves.A[edge] @ last.product[parent], last.steps[parent] + lengths[edge]
-        growth = np.linalg.norm(product, 2, axis=(1, 2)) ** (1 / steps)
+        norms, patterns = np.linalg.norm(product, 2, axis=(1, 2)), (moves.A[edge] != 0) @ patterns[parent]
+        growth = np.where(patterns.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0) ** (1 / steps)
         better = growth < last.least[parent]
         level = _Level(
             parent,

@@ -48,11 +48,14 @@ class DwellTime:
         names, dt = self.modes.names, self.modes.dt
         seconds = "" if dt is True else f", {self.upper * dt:.6g} s"
         exact = f"{self.upper} step{'s' * (self.upper > 1)}{seconds}"
-        facts = [("least", exact if self.lower == self.upper else f"{self.lower} to {exact}")]
-        facts.append((f"dwell {self.upper}", f"every signal vanishes, by at most {self.stable.upper:.8g} a step"))
+        proven = "" if self.lower == self.upper else f" or less, at least {self.lower}"
+        facts = [("least", exact + proven)]
+        facts.append(
+            (f"dwell {self.upper}", f"every signal vanishes, at a rate of {self.stable.upper:.8g} a step or less")
+        )
         if self.unstable is not None:
             word = held(self.word, names)
-            facts.append((f"dwell {self.lower - 1}", f"{word} grows by {self.unstable.lower:.8g} a step"))
+            facts.append((f"dwell {self.lower - 1}", f"{word} does not: rate {self.unstable.lower:.8g} a step"))
         return facts if self.status == "done" else [*facts, ("status", self.status)]
 
     def __repr__(self) -> str:
@@ -131,7 +134,7 @@ def require_schur(modes: ModeSet) -> None:
     if not modes.schur.all():
         name = modes.names[int(modes.schur.argmin())]
         raise ValueError(
-            f"mode {name!r} is not Schur stable, so it can be held for ever and no dwell time makes every signal "
+            f"mode {name!r} is not Schur stable; a signal may stay in it, so no dwell time makes every signal "
             "stable; stabilising_word looks for a signal that is"
         )
 
@@ -200,7 +203,7 @@ class DwellTimes:
             (name, f"{d} step{'s' * (d > 1)}" + ("" if least else " (perhaps less)"))
             for name, d, least in zip(self.modes.names, self.dwell, self.least, strict=True)
         ]
-        facts.append(("with these", f"every signal vanishes, by at most {self.stable.upper:.8g} a step"))
+        facts.append(("with these", f"every signal vanishes, at a rate of {self.stable.upper:.8g} a step or less"))
         return facts if self.status == "done" else [*facts, ("status", self.status)]
 
     def __repr__(self) -> str:
@@ -239,8 +242,13 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     >>> mode_dependent_dwell_times(five_mode.modes()).dwell
     (2, 3, 3, 2, 3)
     """
-    search = _Search(modes, time_limit)
-    common = minimum_dwell_time(modes, time_limit / 2)
+    common = minimum_dwell_time(modes, number(time_limit, "time_limit") / 2)
+    return shortened(common, time_limit / 2)
+
+
+def shortened(common: DwellTime, time_limit: float) -> DwellTimes:
+    """Make the dwell time of each mode in turn as short as it can be, from the least for all on."""
+    modes, search = common.modes, _Search(common.modes, time_limit)
     dwell = (common.upper,) * len(modes)
     search.found[dwell] = common.stable
     search.interrupted = common.status == "interrupted"

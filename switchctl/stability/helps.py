@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from tqdm import tqdm
@@ -94,12 +93,15 @@ class SwitchingHelp:
 
     @property
     def _facts(self) -> list[tuple[str, str]]:
-        names = self.modes.names
+        names, most = self.modes.names, f"at most {_percent(self.gain)}, from any state"
+        most = {0.0: "", 1.0: "no upper bound proven"}.get(self.gain, most)
         told = [
             ("why", self.why),
             (
                 "saves",
-                "" if self.gain in (0, 1) else f"at most {_percent(self.gain)}, from any state",
+                {0.0: "", 1.0: "no upper bound proven"}.get(
+                    self.gain, f"at most {_percent(self.gain)}, from any state"
+                ),
             ),
             ("dominant", "" if self.dominant is None else names[self.dominant]),
             ("paper's test", "names none" if self.paper_test is None else f"names {names[self.paper_test]}"),
@@ -205,7 +207,7 @@ def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verd
         whole = np.zeros(m)
         whole[finite] = alpha
         combinations[i, finite[q]] = frozen(whole)
-    told = SwitchingHelp(modes, None, "", 1.0, MappingProxyType(combinations))
+    told = SwitchingHelp(modes, None, "", 1.0, combinations)
     if len(verdicts) < len(pairs.different()):
         return replace(told, why=f"interrupted after {len(verdicts)} of {len(pairs.different())} pairs of modes")
     vanishes, _ = pairs.window
@@ -278,7 +280,7 @@ def _outlasted(modes: ModeSet, A: Array, Q: Array, S: Array, cost: float) -> Map
     """Steps within which each mode without a tail costs more than that; None where one isn't seen to."""
     found = {i: _steps_beyond(A[i], Q[i], S, cost) for i, P in enumerate(modes.tails) if P is None}
     known = {i: steps for i, steps in found.items() if steps is not None}
-    return MappingProxyType(known) if len(known) == len(found) else None
+    return known if len(known) == len(found) else None
 
 
 def _steps_beyond(A: Array, Q: Array, S: Array, cost: float) -> int | None:
@@ -319,7 +321,7 @@ def _by_word(modes: ModeSet) -> SwitchingHelp:
     if outlasted is None:
         return SwitchingHelp(modes, None, "no mode costs finitely much, and no word of modes that does was found")
     names = " ".join(modes.names[mode] for mode in word)
-    why = f"no mode costs finitely much, and {names} repeated for ever do"
+    why = f"no mode costs finitely much, and {names} repeated for ever does"
     return SwitchingHelp(
         modes, True, why, word=word, moment=frozen(S), cost=cost, best_single=np.inf, outlasted=outlasted
     )
@@ -351,4 +353,4 @@ def _from(found: SwitchingHelp, x0: Gaussian, method: Optimal) -> SwitchingHelp:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
+    return f"{100 * share:.3g} %" if share > 1e-9 or share == 0 else "less than 1e-7 %"

@@ -26,7 +26,6 @@ _LONGEST = 40  # moves of a cycle that is tried
 _HELD = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 19)}))  # how often a move may be repeated in one
 _SWITCHES = 4  # moves of a cycle of such
 _CLOSE = 1e-7  # to a threshold
-_SIDE = 5.0  # seconds to find out on which side of 1 it is, where the bounds don't tell
 _ENDINGS = ("tolerance reached", "time limit", "interrupted")
 
 
@@ -113,11 +112,9 @@ class JointSpectralRadius(Bounds):
             ("bounds", f"{between} (relative gap {1 - self.lower / self.upper if self.upper else 0.0:.2g})"),
             (
                 "cycle",
-                f"{held(self.cycle, self.graph.modes.names)} grows by {self.lower:.10g} a step"
-                if self.cycle
-                else "none",
+                f"{held(self.cycle, self.graph.modes.names)}: rate {self.lower:.10g} a step" if self.cycle else "none",
             ),
-            ("switching", _MEANING[self.verdict]),
+            ("switching", _MEANING[self.verdict] + " (but for the noise)" * self.graph.modes.noisy),
             *((f"upper, {way}", f"{bound:.10g}") for way, bound in self.bounds.items()),
             ("status", self.status),
         ]
@@ -162,10 +159,10 @@ def joint_spectral_radius(
     modes_or_graph : ModeSet or SwitchingGraph
         The modes, or modes under rules: ``SwitchingGraph(modes, Rules(min_dwell=5))``.
     tol : float, optional
-        The gap between the bounds to stop at, relative to the upper one; where 1 lies between them, another search
-        asks on which side of it they should be.
+        The gap between the bounds to stop at, relative to the upper one.
     time_limit : float, optional
-        Seconds after which no further way is tried.
+        Seconds after which no further way is tried; half of them where that leaves 1 between the bounds, and the rest
+        to find on which side of it they should be.
 
     Returns
     -------
@@ -190,9 +187,9 @@ def joint_spectral_radius(
     if not (0 < tol < 1 and time_limit > 0):
         raise ValueError(f"tol = {tol}, time_limit = {time_limit}; expected 0 < tol < 1 and seconds above 0")
     moves, end = Moves.of(graph), time.perf_counter() + time_limit
-    found = bounded(moves, tol, None, end - time_limit / 4)
+    found = bounded(moves, tol, None, end - time_limit / 2)
     if found.verdict == "undecided" and found.status != "interrupted":
-        side = bounded(moves, tol, 1.0, min(end, time.perf_counter() + _SIDE))
+        side = bounded(moves, tol, 1.0, end)
         if side.upper < found.upper:
             found = replace(found, upper=side.upper, norms=side.norms, bounds={**found.bounds, "below one": side.upper})
         if side.lower > found.lower:
@@ -205,6 +202,7 @@ def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) 
     searches: list[_Search] = []
     status = _ENDINGS[0]
     with tqdm(desc="joint spectral radius", unit="way", delay=2, leave=False) as progress:
+        moves, units = moves.balanced()
         for part in moves.components():
             known = max((search.lower for search in searches), default=0.0)
             searches.append(_Search(part, known, tol, threshold, deadline, progress))
@@ -214,7 +212,8 @@ def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) 
     upper = max(search.upper for search in searches)
     ways = {way: None for search in searches for way in search.bounds}
     bounds = {way: max(search.bounds.get(way, search.upper) for search in searches) for way in ways}
-    return Bounds(best.lower, upper, best.word, best.node, bounds, status, tuple(search.norms for search in searches))
+    norms = tuple(replace(search.norms, P=search.norms.P / units[:, None] / units) for search in searches)
+    return Bounds(best.lower, upper, best.word, best.node, bounds, status, norms)
 
 
 class _Search:
@@ -309,6 +308,8 @@ class _Search:
             product, log = product / size, log + np.log(size)
         rate = float(proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word))) * unit
         if rate > self.lower * (1 + _ACCURACY):
+            if len(self.part) == 1:  # it may begin anywhere
+                word = min(word[k:] + word[:k] for k in range(len(word)))
             self.lower, self.word, self.node = rate, word, moves.places[moves.tail[cycle.edges[0]]]
 
     def _improve(self, way: str, upper: float, moves: Moves, P: Array, tree: Any = ()) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
@@ -13,6 +14,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 
 Indices = NDArray[np.intp]
+LEAST = 1e-290  # a norm below this may be that of a product that vanished by rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +106,15 @@ class Moves:
     def seen_in(self, P: Array, gamma: float) -> "Moves":
         """The moves divided by ``gamma ** steps``, in states whose Euclidean norms are ``x' P x`` at each node."""
         T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
-        A = T[self.head] @ self.A @ np.linalg.inv(T)[self.tail] / gamma ** self.lengths[:, None, None]
+        with np.errstate(over="ignore"):
+            A = T[self.head] @ self.A @ np.linalg.inv(T)[self.tail] / gamma ** self.lengths[:, None, None]
         return replace(self, A=A)
+
+    def balanced(self) -> tuple["Moves", Array]:
+        """The same in units of the states, powers of two, in which rows and columns are of one size; and the units."""
+        with np.errstate(invalid="ignore"):  # of permutations, of which there are none
+            unit: Array = matrix_balance(np.abs(self.A).sum(axis=0), permute=False, separate=True)[1][0]
+        return replace(self, A=self.A * unit / unit[:, None]), unit
 
     def held(self, times: Iterable[int]) -> "Moves":
         """With moves that come back to their node also taken so many times at once."""

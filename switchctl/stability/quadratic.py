@@ -13,7 +13,7 @@ from scipy.optimize import root_scalar
 from switchctl.gramians import transform
 from switchctl.moments import Array, moment_maps, smat, svec
 from switchctl.optimum.programs import solution
-from switchctl.stability.moves import Moves
+from switchctl.stability.moves import LEAST, Moves
 
 _DENSE = 3000  # unknowns of a linear system solved for a first P
 
@@ -26,6 +26,7 @@ def growth(moves: Moves, P: Array) -> float:
         return np.inf
     back = np.linalg.inv(T)
     norms = np.linalg.norm(T[moves.head] @ moves.A @ back[moves.tail], 2, axis=(1, 2)) * rounding(P)
+    norms = np.where(moves.A.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0)
     counted = moves.lengths > 0
     if (norms[~counted] > 1).any():
         return np.inf
@@ -34,9 +35,10 @@ def growth(moves: Moves, P: Array) -> float:
 
 def rounding(P: Array) -> float:
     """A factor for what rounding may take from a growth computed in these norms."""
-    eigenvalues = np.linalg.eigvalsh(P)
-    condition = float((np.sqrt(eigenvalues[:, -1]) / np.sqrt(np.maximum(eigenvalues[:, 0], 1e-300))).max())
-    return 1 + 4 * P.shape[-1] * np.finfo(float).eps * condition
+    unit, noise = np.exp2(np.round(np.log2(np.einsum("vii->vi", P)) / 2)), 8 * P.shape[-1] * np.finfo(float).eps
+    eigenvalues = np.linalg.eigvalsh(P / unit[:, :, None] / unit[:, None, :])  # factors don't depend on units
+    least = eigenvalues[:, 0] - noise * eigenvalues[:, -1]
+    return 1 + noise * float(np.sqrt(eigenvalues[:, -1] / least).max()) if (least > 0).all() else np.inf
 
 
 def lifting_norms(moves: Moves) -> Array:

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +18,14 @@ from switchctl.methods.constant import single_mode_costs
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import Rules
-from switchctl.stability.average_dwell_time import AverageDwellTime, average_dwell_time
-from switchctl.stability.dwell_time import DwellTime, DwellTimes, minimum_dwell_time, mode_dependent_dwell_times
+from switchctl.stability.average_dwell_time import AverageDwellTime, average_dwell_time, averaged
+from switchctl.stability.dwell_time import (
+    DwellTime,
+    DwellTimes,
+    minimum_dwell_time,
+    mode_dependent_dwell_times,
+    shortened,
+)
 from switchctl.stability.growth import GrowthRate, verdict
 from switchctl.stability.helps import SwitchingHelp, does_switching_help
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, joint_spectral_radius
@@ -267,7 +272,7 @@ class _Page:
 
     def done(self) -> Report:
         """The page."""
-        return replace(self.report, reasons=MappingProxyType(self.reasons))
+        return replace(self.report, reasons=dict(self.reasons))
 
     def transients(self) -> tuple[TransientGrowth, ...]:
         """The transient growth of each mode."""
@@ -304,13 +309,15 @@ class _Page:
         modes, m = self.report.modes, len(self.report.modes)
         if self.arbitrary is not None:
             return DwellTimes(modes, (1,) * m, (True,) * m, self.arbitrary)
-        return mode_dependent_dwell_times(modes, seconds)
+        common = self.report.dwell_time
+        return mode_dependent_dwell_times(modes, seconds) if common is None else shortened(common, seconds)
 
     def average_dwell_time(self, seconds: float) -> AverageDwellTime:
         """An average dwell time, where one is needed."""
         if self.arbitrary is not None:
             raise _NotGiven("none is needed: arbitrary switching is stable")
-        return average_dwell_time(self.report.modes, seconds)
+        common = self.report.dwell_time
+        return average_dwell_time(self.report.modes, seconds) if common is None else averaged(common, seconds)
 
     def word(self) -> GrowthRate:
         """A stabilising word, where no mode held for ever is one that serves."""

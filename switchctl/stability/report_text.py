@@ -184,7 +184,7 @@ def _dwell(report: "Report") -> _Block:
     if report.stabilising_word is not None:
         word = report.stabilising_word
         names = held(word.word, modes.names)
-        facts.append(("stabilising word", f"{names} repeated falls by {word.upper:.6g} a step"))
+        facts.append(("stabilising word", f"{names} repeated, rate {word.upper:.6g} a step"))
     elif why["stabilising_word"] != "every mode is stable when held for ever":
         facts.append(("stabilising word", why["stabilising_word"]))
     return _Block("Dwell times with which every signal is stable", (), facts)

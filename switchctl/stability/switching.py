@@ -91,8 +91,8 @@ def word_stability(modes: ModeSet | SwitchingGraph, word: Iterable[Any]) -> Grow
     └── graph  2 nodes, 2 moves
     """
     graph = as_graph(modes)
-    if isinstance(word, str):
-        raise TypeError(f"word must be a sequence of modes, not the string {word!r}")
+    if isinstance(word, str) or not isinstance(word, Iterable):
+        raise TypeError(f"word must be a sequence of modes, such as [0, 1], not {word!r}")
     indices = tuple(graph.modes.index(mode) for mode in word)
     if not indices:
         raise ValueError("word is empty; give at least one mode")
@@ -222,7 +222,7 @@ def _distributions(given: Array) -> Array:
         if (row < 0).any():
             raise ValueError(f"{where} has an entry {row.min():.6g}; expected probabilities of at least 0")
         if abs(row.sum() - 1) > _SUM:
-            raise ValueError(f"{where} adds up to {row.sum():.12g}; expected 1")
+            raise ValueError(f"the sum of {where} is {row.sum():.12g}; expected 1")
     normalised: Array = given / given.sum(axis=-1, keepdims=True)
     return normalised
 
