@@ -564,12 +564,14 @@ class Costs:
 
     def before(self, word: list[int], P: Matrix, up: bool) -> Matrix:
         """What modes one after the other cost, and then P; or a matrix above (or below) that."""
+        if len(word) > LARGEST:
+            raise Unreadable(f"a word of more than {LARGEST} modes")
         for i in reversed(word):
             need(0 <= i < len(self.A), "a word names no mode")
             self.effort += self.n**3
             P = (self.Q[i] + transformed(self.A[i], P)).coarse(up)
             need(abs(P.exponent) <= 2 * LARGEST, "a cost is beyond all use")
-            if self.effort > WORK // 50:
+            if self.effort > WORK // 200:
                 raise Unreadable("the words would take too long")
         return P
 
