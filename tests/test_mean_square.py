@@ -363,7 +363,7 @@ def test_what_is_refused():
             function(np.eye(2))
     with pytest.raises(ValueError, match="word is empty"):
         word_stability(modes, [])
-    with pytest.raises(TypeError, match="not the string"):
+    with pytest.raises(TypeError, match="such as"):
         word_stability(modes, "A0")
     with pytest.raises(KeyError):
         word_stability(modes, ["A7"])

@@ -288,6 +288,8 @@ class _Search:
 
     def _branch(self, moves: Moves, P: Array, budget: int) -> None:
         unit = growth(moves, P)
+        if not 0 < unit < np.inf:
+            return
         known = Cycle(self.floor / unit, ())
         found = branch(moves.seen_in(P, unit), known, self.tol, self.goal / unit, budget, self.deadline)
         identity = np.broadcast_to(np.eye(P.shape[-1]), P.shape)
@@ -308,7 +310,7 @@ class _Search:
             product, log = product / size, log + np.log(size)
         rate = float(proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word))) * unit
         if rate > self.lower * (1 + _ACCURACY):
-            if len(self.part) == 1:  # it may begin anywhere
+            if len(self.part) == 1 and (self.part.lengths == 1).all():  # it may begin anywhere
                 word = min(word[k:] + word[:k] for k in range(len(word)))
             self.lower, self.word, self.node = rate, word, moves.places[moves.tail[cycle.edges[0]]]
 

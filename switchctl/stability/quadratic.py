@@ -24,8 +24,10 @@ def growth(moves: Moves, P: Array) -> float:
         T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
     except np.linalg.LinAlgError:
         return np.inf
-    back = np.linalg.inv(T)
-    norms = np.linalg.norm(T[moves.head] @ moves.A @ back[moves.tail], 2, axis=(1, 2)) * rounding(P)
+    back, room = np.linalg.inv(T), rounding(P)
+    if room == np.inf:
+        return np.inf
+    norms = np.linalg.norm(T[moves.head] @ moves.A @ back[moves.tail], 2, axis=(1, 2)) * room
     norms = np.where(moves.A.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0)
     counted = moves.lengths > 0
     if (norms[~counted] > 1).any():
