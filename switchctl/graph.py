@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from switchctl.contradiction import contradiction
 from switchctl.limits import NODES, TooManyNodes, find, limits
 from switchctl.memory import Automaton, Memory, explore, longest_runs
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
 from switchctl.tables import html_table, tree
@@ -154,8 +154,7 @@ class SwitchingGraph:
         return graph
 
     def _build(self, modes: ModeSet, rules: Rules | None, automaton: Automaton | None, place: Hashable) -> None:
-        if not isinstance(modes, ModeSet):
-            raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+        require_modes(modes)
         rules = Rules() if rules is None else rules
         if not isinstance(rules, Rules):
             raise TypeError(f"rules must be Rules(..), not {rules!r}")

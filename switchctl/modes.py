@@ -351,3 +351,9 @@ class ModeSet:
             for i, (name, radius) in enumerate(zip(self.names, self.spectral_radii, strict=True))
         ]
         return html_table(["index", "mode", "spectral radius", "Schur"], rows, self._heading())
+
+
+def require_modes(modes: Any) -> None:
+    """Refuse what is no `ModeSet`."""
+    if not isinstance(modes, ModeSet):
+        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")

@@ -16,7 +16,7 @@ from switchctl.certificates import check
 from switchctl.certificates.certificate import SHARES, Certificate, exact, holds, loosened
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.stability.average_dwell_time import AverageDwellTime
+from switchctl.stability.average_dwell_time import AverageDwellTime, switches_of
 from switchctl.stability.dwell_time import DwellTime, DwellTimes
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, Norms
 
@@ -42,7 +42,7 @@ def joint_spectral_radius(found: JointSpectralRadius) -> Certificate:
     if found.cycle:
         nodes = graph.walk(found.cycle, found.node)
         ways = [int((graph.successor[v, :i] >= 0).sum()) for v, i in zip(nodes, found.cycle, strict=False)]
-        witness["lower"], lower = _cycle(read, modes, found.node, ways, found.lower)
+        witness["lower"], lower = _cycle(read, found.node, ways, found.lower)
     return Certificate.of("joint spectral radius", data, {"lower": lower.hex(), "upper": upper.hex()}, witness)
 
 
@@ -64,7 +64,7 @@ def dwell_time(found: DwellTime | DwellTimes) -> Certificate:
     claim = {"stable": list(stable), "unstable": None}
     if proof is not None and less is not None:
         graph = check.Graph.with_dwell(data, list(less))
-        witness["unstable"], rate_below = _word(graph, modes, less, proof.cycle)
+        witness["unstable"], rate_below = _word(graph, less, proof.cycle)
         claim["unstable"] = list(less) if rate_below >= 1 else None
     return Certificate.of("dwell time", data, claim, {**witness, "rate": rate.hex()})
 
@@ -86,15 +86,14 @@ def average_dwell_time(found: AverageDwellTime) -> Certificate:
 
     loosened(1.0, prove)
     if found.word:
-        witness["unstable"], rate = _word(graph, modes, (1,) * len(modes), found.word)
+        witness["unstable"], rate = _word(graph, (1,) * len(modes), found.word)
         claim["unstable"] = _below(found.lower, found.word).hex() if rate >= 1 else None
     return Certificate.of("average dwell time", data, claim, witness)
 
 
 def _below(average: float, word: tuple[int, ...]) -> float:
     """An average dwell time of a word, not rounded up."""
-    switches = sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
-    return average if Fraction(average) * switches <= len(word) else math.nextafter(average, 0.0)
+    return average if Fraction(average) * switches_of(word) <= len(word) else math.nextafter(average, 0.0)
 
 
 def _data(modes: ModeSet) -> dict[str, Any]:
@@ -102,7 +101,7 @@ def _data(modes: ModeSet) -> dict[str, Any]:
     return {"names": list(modes.names), "A": [exact(A) for A in modes.A], "first": first}
 
 
-def _word(graph: check.Graph, modes: ModeSet, dwell: Sequence[int], word: tuple[int, ...]) -> tuple[Any, float]:
+def _word(graph: check.Graph, dwell: Sequence[int], word: tuple[int, ...]) -> tuple[Any, float]:
     """A proof that a word with these dwell times doesn't contract; it begins with a mode that takes over."""
     shift = next(k for k in range(len(word)) if word[k] != word[k - 1])
     word, ends = word[shift:] + word[:shift], np.cumsum(dwell) - 1
@@ -111,13 +110,13 @@ def _word(graph: check.Graph, modes: ModeSet, dwell: Sequence[int], word: tuple[
     for mode in word:
         ways.append(mode if len(graph.moves[v]) > 1 else 0)
         v = graph.moves[v][ways[-1]][1]
-    return _cycle(graph, modes, start, ways, 1.0)
+    return _cycle(graph, start, ways, 1.0)
 
 
-def _cycle(graph: check.Graph, modes: ModeSet, node: int, ways: list[int], rate: float) -> tuple[Any, float]:
+def _cycle(graph: check.Graph, node: int, ways: list[int], rate: float) -> tuple[Any, float]:
     """A proof that a cycle grows by a rate, or nearly: ``M' H M - rate^(2 steps) H`` is the identity."""
-    every = {step: A for step, A in enumerate(_floats(graph, modes))}
-    product, v = np.eye(modes.A.shape[-1]), node
+    every = [_floats(A) for A in graph.A]
+    product, v = np.eye(len(every[0])), node
     for way in ways:
         k, v = graph.moves[v][way]
         product = every[k] @ product
@@ -136,10 +135,9 @@ def _cycle(graph: check.Graph, modes: ModeSet, node: int, ways: list[int], rate:
     return None, 0.0
 
 
-def _floats(graph: check.Graph, modes: ModeSet) -> Iterator[Array]:
-    """The matrices of a graph as floats."""
-    for A in graph.A:
-        yield np.array([[float(Fraction(entry) / 2**A.exponent) for entry in row] for row in A.rows])
+def _floats(A: check.Matrix) -> Array:
+    """A matrix in floats."""
+    return np.array([[float(Fraction(entry) / 2**A.exponent) for entry in row] for row in A.rows])
 
 
 def _norms(graph: check.Graph, norms: tuple[Norms, ...], nodes: Sequence[int]) -> dict[str, Any]:

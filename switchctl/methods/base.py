@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from switchctl.continuation import Continuations, Plan, wander
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array, second_moment, svec
 from switchctl.validation import positive_semidefinite, real_array, symmetric, whole_number
 
@@ -368,8 +368,7 @@ class Method(ABC):
 
 def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
     """The Gaussian of all states at the start, from that or from the plant's alone."""
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    require_modes(modes)
     if not isinstance(x0, Gaussian):
         raise TypeError(
             f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"

@@ -136,9 +136,14 @@ def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
     return replace(best, status=found.status)
 
 
+def switches_of(word: tuple[int, ...]) -> int:
+    """How often a word switches in a period, when repeated for ever."""
+    return sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
+
+
 def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, ...]]:
     """The greatest average dwell time met of a word that doesn't contract: the one given, or of two modes in turn."""
-    switches = sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
+    switches = switches_of(word)
     best = (len(word) / switches, word) if switches else (0.0, word)
     powers = [np.broadcast_to(np.eye(modes.A.shape[-1]), modes.A.shape)]
     for _ in range(_HELD - 1):

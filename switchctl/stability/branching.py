@@ -163,14 +163,12 @@ def promising_cycle(moves: Moves, longest: int, beam: int) -> Cycle:
         parent, edge, moves.tail, moves.head, moves.A, moves.lengths, np.full(E, np.inf), np.zeros(E, dtype=int)
     )
     levels, cycle = [level, level], Cycle(0.0, ())
-    tried = 0
     while True:
         norms = np.linalg.norm(level.product, axis=(1, 2))
-        size = np.where(norms > 0, norms, 0) ** (1 / level.steps)
+        size = norms ** (1 / level.steps)
         cycle = _greatest(moves, level, np.full(len(size), np.inf), cycle, levels)
         kept = np.argsort(-size, kind="stable")[:beam]
         kept = kept[(size[kept] > cycle.rate * (1 - 1e-9)) & np.isfinite(size[kept]) & (norms[kept] > 0)]
-        tried += len(kept)
         if not len(kept) or len(levels) > longest:
             break
         ways = [after[v] for v in level.end[kept]]

@@ -4,13 +4,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.stability.joint_spectral_radius import Bounds, bounded, held
 from switchctl.stability.moves import Moves
 from switchctl.tables import html_table, tree
 from switchctl.validation import number
 
-_CLOSE = 1e-7
 _LONGEST = 100_000
 
 
@@ -129,8 +128,7 @@ def _least(holds: Callable[[int], bool], low: int, high: int) -> int:
 
 def require_schur(modes: ModeSet) -> None:
     """Refuse modes that may not be held for ever."""
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    require_modes(modes)
     if not modes.schur.all():
         name = modes.names[int(modes.schur.argmin())]
         raise ValueError(
@@ -167,7 +165,7 @@ class _Search:
             return "undecided"
         if dwell not in self.found or (again and self.found[dwell].verdict == "undecided" and self.time_left):
             end = min(time.perf_counter() + self.share * (5 if again else 1), max(self.end, time.perf_counter() + 1))
-            self.found[dwell] = bounded(Moves.with_dwell(self.modes, dwell), _CLOSE, 1.0, end)
+            self.found[dwell] = bounded(Moves.with_dwell(self.modes, dwell), None, end)
             self.interrupted = self.found[dwell].status == "interrupted"
             if self.interrupted and not any(f.verdict == "stable" for f in self.found.values()):
                 raise KeyboardInterrupt

@@ -12,7 +12,7 @@ from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.methods.optimal import OPTIMAL, Optimal
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.upper import contracting_walk
@@ -166,8 +166,7 @@ def does_switching_help(
     ├── dominant      A0
     └── paper's test  names A0
     """
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    require_modes(modes)
     require_plain_total(modes, "does_switching_help")
     if modes.activation is not None:
         raise ValueError("does_switching_help is for modes whose switches leave the state as it is (no activation)")

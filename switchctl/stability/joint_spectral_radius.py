@@ -25,7 +25,7 @@ _ACCURACY = 1e-10
 _LONGEST = 40  # moves of a cycle that is tried
 _HELD = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 19)}))  # how often a move may be repeated in one
 _SWITCHES = 4  # moves of a cycle of such
-_CLOSE = 1e-7  # to a threshold
+_CLOSE = 1e-7  # to 1
 _ENDINGS = ("tolerance reached", "time limit", "interrupted")
 
 
@@ -187,9 +187,9 @@ def joint_spectral_radius(
     if not (0 < tol < 1 and time_limit > 0):
         raise ValueError(f"tol = {tol}, time_limit = {time_limit}; expected 0 < tol < 1 and seconds above 0")
     moves, end = Moves.of(graph), time.perf_counter() + time_limit
-    found = bounded(moves, tol, None, end - time_limit / 2)
+    found = bounded(moves, tol, end - time_limit / 2)
     if found.verdict == "undecided" and found.status != "interrupted":
-        side = bounded(moves, tol, 1.0, end)
+        side = bounded(moves, None, end)
         if side.upper < found.upper:
             found = replace(found, upper=side.upper, norms=side.norms, bounds={**found.bounds, "below one": side.upper})
         if side.lower > found.lower:
@@ -197,15 +197,15 @@ def joint_spectral_radius(
     return JointSpectralRadius(**vars(found), graph=graph)
 
 
-def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) -> Bounds:
-    """Bound the growth of a step to a tolerance, or until the bounds are on one side of a threshold."""
+def bounded(moves: Moves, tol: float | None, deadline: float) -> Bounds:
+    """Bound the growth of a step to a tolerance, or, without one, until the bounds are on one side of 1."""
     searches: list[_Search] = []
     status = _ENDINGS[0]
     with tqdm(desc="joint spectral radius", unit="way", delay=2, leave=False) as progress:
         moves, units = moves.balanced()
         for part in moves.components():
             known = max((search.lower for search in searches), default=0.0)
-            searches.append(_Search(part, known, tol, threshold, deadline, progress))
+            searches.append(_Search(part, known, tol, deadline, progress))
             if status != "interrupted":
                 status = max(status, searches[-1].run(), key=_ENDINGS.index)
     best = max(searches, key=lambda search: search.lower)
@@ -219,12 +219,10 @@ def bounded(moves: Moves, tol: float, threshold: float | None, deadline: float) 
 class _Search:
     """Bounds for one strongly connected part."""
 
-    def __init__(
-        self, part: Moves, known: float, tol: float, threshold: float | None, deadline: float, progress: Any
-    ) -> None:
-        self.part, self.known, self.threshold = part, known, threshold
+    def __init__(self, part: Moves, known: float, tol: float | None, deadline: float, progress: Any) -> None:
+        self.part, self.known, self.side = part, known, tol is None
         self.deadline, self.progress = deadline, progress
-        self.tol, self.goal = (tol, 0.0) if threshold is None else (_CLOSE, threshold * (1 - _CLOSE))
+        self.tol, self.goal = (_CLOSE, 1 - _CLOSE) if tol is None else (tol, 0.0)
         n = part.A.shape[-1]
         self.lower, self.node = 0.0, part.places[0]
         self.word: tuple[int, ...] = ()
@@ -244,8 +242,8 @@ class _Search:
 
     @property
     def done(self) -> bool:
-        """Whether the bounds are as near as they should be, or on one side of the threshold."""
-        return self.upper <= self.enough or (self.threshold is not None and self.lower >= self.threshold)
+        """Whether the bounds are as near as they should be, or on one side of 1."""
+        return self.upper <= self.enough or (self.side and self.lower >= 1)
 
     def run(self) -> str:
         """Try one way after the other; return how it ended."""
@@ -266,7 +264,7 @@ class _Search:
             self._take(plain.held(_HELD), promising_cycle(seen.held(_HELD), _SWITCHES, 50), unit)
         budget = _PRODUCTS
         for memory in count():
-            small = self.norms.P.size <= _SMALL and memory == 0 and self.threshold is None
+            small = self.norms.P.size <= _SMALL and memory == 0 and not self.side
             if not self.done or small:
                 name = "quadratic norms" if memory == 0 else "path-complete norms"
                 stop, accuracy = (0.0, _ACCURACY) if small else (self.enough, self.tol / 10)

@@ -15,7 +15,7 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods.base import initial_state
 from switchctl.methods.constant import single_mode_costs
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.rules import Rules
 from switchctl.stability.average_dwell_time import AverageDwellTime, average_dwell_time, averaged
@@ -184,8 +184,7 @@ def report(
     >>> print(str(found).splitlines()[5])
     A0                0.5         stable            1     0        1.33333  best
     """
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"modes must be a ModeSet (see close_loops), not a {type(modes).__name__}")
+    require_modes(modes)
     x0 = None if x0 is None else initial_state(modes, x0)
     if not number(time_limit, "time_limit") > 0:
         raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from switchctl.continuation import lasting
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.upper import contracting_walk
@@ -53,7 +53,7 @@ def schur_stability(modes: ModeSet) -> tuple[GrowthRate, ...]:
     ├── rate   between 1.41421356 and 1.41421356 per step
     └── graph  1 node, 1 move
     """
-    _require_modes(modes, "modes")
+    require_modes(modes)
     return tuple(_word(modes, (i,), f"{modes.names[i]} held") for i in range(len(modes)))
 
 
@@ -191,7 +191,7 @@ def random_stability(modes: ModeSet, probabilities: Any) -> GrowthRate:
     >>> random_stability(modes, [[0.1, 0.9], [0.1, 0.9]]).verdict  # after any mode, A1 with probability 0.9
     'unstable'
     """
-    _require_modes(modes, "modes")
+    require_modes(modes)
     chain, m = real_array(probabilities, "probabilities"), len(modes)
     if chain.shape not in ((m,), (m, m)):
         raise ControlDimension(f"probabilities has shape {chain.shape}; expected {(m,)} or {(m, m)}")
@@ -208,11 +208,6 @@ def random_stability(modes: ModeSet, probabilities: Any) -> GrowthRate:
         return growth_rate(of, moves, m)
     share = _stationary_distribution(chain, modes.names)
     return growth_rate(of, moves, m, (share, share[:, None, None] * modes.W))
-
-
-def _require_modes(modes: Any, name: str) -> None:
-    if not isinstance(modes, ModeSet):
-        raise TypeError(f"{name} must be a ModeSet (see close_loops), not a {type(modes).__name__}")
 
 
 def _distributions(given: Array) -> Array:
