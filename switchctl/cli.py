@@ -14,7 +14,7 @@ import numpy as np
 from switchctl import __version__
 from switchctl.certificates import certify
 from switchctl.comparison import Comparison, compare
-from switchctl.files import write_text
+from switchctl.files import write_bytes, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.load_model import Model, bundled, load_model
 from switchctl.methods import FewSwitches, Method, Optimal, PointwiseMinimum, RecedingHorizon, Refine, Rollout
@@ -333,10 +333,10 @@ def _draw(draw: Callable[[], Any], path: Path) -> Path:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure = draw().figure
-    figure.savefig(path, dpi=150)
+    figure, picture = draw().figure, io.BytesIO()
+    figure.savefig(picture, format="png", dpi=150)
     plt.close(figure)
-    return path
+    return write_bytes(path, picture.getvalue())
 
 
 if __name__ == "__main__":

@@ -1,52 +1,69 @@
-"""Reading and writing JSON documents that say what they are."""
+"""Reading and writing files: whole or not at all, and JSON documents that say what they are."""
 
+import hashlib
 import json
 import os
+import secrets
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
+
+LARGEST = 1 << 27
+"""Bytes of a file that is read."""
 
 
 class FormatError(ValueError):
     """A file is not what it should be."""
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> Path:
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
     """Write a file whole or not at all: into a temporary file beside it, then renamed."""
     place = Path(os.path.realpath(path))  # a link stays a link
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {str(place.parent)!r} to write {place.name} into; create it first")
     if place.exists() and not place.is_file():  # a device or a pipe can't be replaced
-        place.write_text(text, encoding="utf-8", newline="")
+        place.write_bytes(content)
         return Path(path)
-    handle, temporary = tempfile.mkstemp(dir=place.parent, suffix=".part")
+    temporary = place.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with open(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with open(temporary, "xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
         if place.exists():
             shutil.copymode(place, temporary)
-        else:
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, place)
     except BaseException:
-        os.unlink(temporary)
+        temporary.unlink(missing_ok=True)
         raise
     return Path(path)
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a text as UTF-8, whole or not at all."""
+    return write_bytes(path, text.encode())
+
+
 def write_document(path: str | os.PathLike[str], kind: str, version: int, content: dict[str, Any]) -> Path:
-    """Write a JSON document headed by its kind and version."""
+    """Write a JSON document headed by its kind and version, sealed by the sha256 of all of it."""
     document = {"format": f"switchctl {kind}", "version": version, **content}
-    return write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    document["sha256"] = digest(document)
+    lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in document.items())
+    if len(lines) > LARGEST:
+        raise ValueError(
+            f"{path} would take {len(lines)} bytes; of more than {LARGEST} it could not be read again. Pickle it"
+        )
+    return write_text(path, f"{{\n{lines}\n}}\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a JSON object."""
+    """Read a JSON object of which no key comes twice."""
+    with open(path, "rb") as file:
+        content = file.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise FormatError(f"{path} has more than {LARGEST} bytes; larger files are not read")
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(content.decode(), object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} is not a JSON file: {error}") from None
     if not isinstance(document, dict):
@@ -58,9 +75,38 @@ def read_document(path: str | os.PathLike[str], kind: str, version: int) -> dict
     """Read a JSON document of the given kind and version."""
     document = read_json(path)
     if document.get("format") != f"switchctl {kind}":
-        raise FormatError(f"{path} is not a switchctl {kind}: its format is {document.get('format')!r}")
+        raise FormatError(f"{path} is not a switchctl {kind}: its format is {document.get('format')!r:.50}")
     if document.get("version") != version:
         raise FormatError(
-            f"{path} has version {document.get('version')!r} of the {kind} format; this switchctl reads {version}"
+            f"{path} has version {document.get('version')!r:.50} of the {kind} format; this switchctl reads {version}. "
+            "Make it anew"
         )
+    return document
+
+
+def check_seal(path: str | os.PathLike[str], document: dict[str, Any]) -> None:
+    """Refuse a document that is not as `write_document` wrote it."""
+    told = document.get("sha256")
+    try:
+        found = digest({key: value for key, value in document.items() if key != "sha256"})
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is not a JSON file: {error}") from None
+    if told != found:
+        raise FormatError(
+            f"{path} was changed after it was written: its sha256 is {told!r:.80}, its content has {found!r}. "
+            "Take another copy, or make it anew"
+        )
+
+
+def digest(document: dict[str, Any]) -> str:
+    """The sha256 of a document."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
+        raise ValueError(f"the key {twice!r:.50} comes twice")
     return document

@@ -2,6 +2,9 @@
 
 import importlib
 import importlib.util
+import json
+import os
+import subprocess
 import sys
 import traceback
 from collections.abc import Callable
@@ -19,6 +22,7 @@ from switchctl.methods import Method, Rollout
 from switchctl.modes import ModeSet
 from switchctl.rules import Rules
 
+_SECONDS, _BYTES = 30, 1 << 31  # that reading a .mat file may take
 FUNCTIONS = ("modes", "plant", "controllers", "initial_state", "method", "rules")
 
 
@@ -143,24 +147,16 @@ def _from_matrices(content: dict[str, Any], name: str) -> Model:
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
+    """Have `mat_reader` read the file; whatever becomes of it, this process goes on."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name("mat_reader.py")), str(path), str(_BYTES)]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each of its threads reserves memory
     try:
-        content = {key: value for key, value in loadmat(path).items() if not key.startswith("__")}
-    except Exception as error:
-        raise FormatError(f"{path} is not a .mat file that scipy reads (version 7 or older): {error}") from None
-    for name in {"A", "Q"} & set(content):
-        value = content[name]
-        # MATLAB stacks along the third axis; a cell array arrives as an array of objects.
-        if value.dtype == object:
-            content[name] = list(value.ravel())
-        elif name == "A" or value.ndim == 3:
-            content[name] = np.moveaxis(np.atleast_3d(value), -1, 0)
-    for name in {"names", "states"} & set(content):
-        content[name] = [str(np.squeeze(word)).strip() for word in content[name].ravel()]
-    if "dt" in content:
-        dt = content["dt"].item() if content["dt"].size == 1 else content["dt"]
-        content["dt"] = True if content["dt"].dtype == np.uint8 and dt == 1 else dt  # how scipy reads a logical
-    if "mean" in content:
-        content["mean"] = content["mean"].ravel()
+        read = subprocess.run(command, capture_output=True, timeout=_SECONDS, env=environment)
+    except subprocess.TimeoutExpired:
+        raise FormatError(f"{path} could not be read in {_SECONDS} s; save it again, or as .json") from None
+    if read.returncode:
+        lines = read.stderr.decode(errors="replace").strip().splitlines()
+        why = lines[-1] if lines and read.returncode == 1 else f"its reader ended with code {read.returncode}"
+        raise FormatError(f"{path} is not a .mat file of a model (version 7 or older, save -v7): {why}")
+    content: dict[str, Any] = json.loads(read.stdout)
     return content

@@ -16,7 +16,7 @@ from switchctl.validation import number
 if TYPE_CHECKING:
     from switchctl.result import Schedule
 
-VERSION = 4
+VERSION = 5
 """Of schedule files."""
 _NEEDED = "cost edges lead lengthened lower_bound method rules sequence statistics status tail target terminal"
 

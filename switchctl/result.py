@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.continuation import lasting
-from switchctl.files import FormatError, read_document, write_document, write_text
+from switchctl.files import FormatError, check_seal, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import initial_state
@@ -363,9 +363,10 @@ class Schedule:
         Raises
         ------
         FormatError
-            If the file is not a schedule of this version, or contradicts itself.
+            If the file is not a schedule of this version, was changed after it was written, or contradicts itself.
         """
         document = read_document(path, "schedule", VERSION)
+        check_seal(path, document)
         try:
             schedule = cls(*read_schedule(document))
             stored = document["cost"]

@@ -27,6 +27,13 @@ from switchctl import (
     SwitchingGraph,
     schedule,
 )
+from switchctl.files import digest
+
+
+def seal(path, document):
+    """Write a document as if it had been saved as it is."""
+    sealed = digest({key: value for key, value in document.items() if key != "sha256"})
+    path.write_text(json.dumps(document | {"sha256": sealed}))
 
 
 def test_pandas_and_csv_have_one_row_a_step(pair, tmp_path):
@@ -97,7 +104,7 @@ def test_a_saved_sequence_against_its_rules_is_refused(pair, tmp_path):
         ({"lead": [9]}, "damaged schedule"),
         ({"statistics": 7}, "damaged schedule"),
     ):
-        path.write_text(json.dumps(document | change))
+        seal(path, document | change)
         with pytest.raises(FormatError, match=words):
             Schedule.load(path)
 
@@ -133,7 +140,7 @@ def test_a_damaged_file_is_a_format_error(pair, tmp_path, change, words):
     path = schedule(*pair, Rollout(), steps=5).save(tmp_path / "s.json")
     document = json.loads(path.read_text())
     change(document)
-    path.write_text(json.dumps(document))
+    seal(path, document)
     with pytest.raises(FormatError, match=words):
         Schedule.load(path)
 

@@ -18,7 +18,7 @@ import switchctl.stability
 PACKAGE = Path(switchctl.__file__).parent
 # From left to right, as data flows; a module may import those before it.
 ORDER = [
-    "moments gramians tables files",
+    "moments gramians tables files mat_reader",
     "validation",
     "mode_checks",
     "gaussian modes rules",

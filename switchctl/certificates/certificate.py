@@ -102,14 +102,15 @@ class Certificate:
         Raises
         ------
         FormatError
-            If the file is no certificate.
+            If the file is no certificate, or was changed after it was written.
         """
         document = read_document(path, "certificate", check.VERSION)
         try:
+            check.unchanged(document)
             certificate = cls(document)
             repr(certificate)
-        except (LookupError, TypeError, ValueError) as error:
-            raise FormatError(f"{path} is a damaged certificate: {error}") from None
+        except (check.Rejected, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+            raise FormatError(f"{path} is a damaged certificate, take another copy or make it anew: {error}") from None
         return certificate
 
     def check(self) -> None:

@@ -672,6 +672,13 @@ KINDS: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any], dict[str, Any]]
 }
 
 
+def unchanged(document: dict[str, Any]) -> None:
+    """Raise `Rejected` unless the seals are those of what they seal."""
+    need(document["sha256"] == digest(document["data"]), "the data was changed")
+    sealed = digest([document["claim"], document["witness"]])
+    need(document["sha256_of_proof"] == sealed, "the claim or the witness was changed")
+
+
 def check(document: dict[str, Any]) -> None:
     """Raise `Rejected` unless the claim is proven, `Unreadable` where the document is no certificate."""
     try:
@@ -680,8 +687,7 @@ def check(document: dict[str, Any]) -> None:
         if document["kind"] not in KINDS:
             raise Unreadable(f"a certificate of an unknown kind, {document['kind']!r:.50}")
         data, claim, witness = document["data"], document["claim"], document["witness"]
-        need(document["sha256"] == digest(data), "the data was changed")
-        need(document["sha256_of_proof"] == digest([claim, witness]), "the claim or the witness was changed")
+        unchanged(document)
         decide, keys = KINDS[document["kind"]]
         if set(claim) != set(keys.split()):
             raise Unreadable(f"the claim is of {', '.join(map(str, claim))}; expected {keys}")
