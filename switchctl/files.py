@@ -47,7 +47,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 def write_document(path: str | os.PathLike[str], kind: str, version: int, content: dict[str, Any]) -> Path:
     """Write a JSON document headed by its kind and version, sealed by the sha256 of all of it."""
     document = {"format": f"switchctl {kind}", "version": version, **content}
-    document["sha256"] = digest(document)
+    return write_json(path, document | {"sha256": digest(document)})
+
+
+def write_json(path: str | os.PathLike[str], document: dict[str, Any]) -> Path:
+    """Write a JSON object, one key a line."""
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in document.items())
     if len(lines) > LARGEST:
         raise ValueError(
@@ -65,7 +69,7 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         document = json.loads(content.decode(), object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is not a JSON file: {error}") from None
+        raise FormatError(f"{path} is not a JSON file: {error}; mend it, or take another copy") from None
     if not isinstance(document, dict):
         raise FormatError(f"{path} holds a JSON {type(document).__name__}; expected an object")
     return document
@@ -90,7 +94,7 @@ def check_seal(path: str | os.PathLike[str], document: dict[str, Any]) -> None:
     try:
         found = digest({key: value for key, value in document.items() if key != "sha256"})
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is not a JSON file: {error}") from None
+        raise FormatError(f"{path} is not a JSON file: {error}; mend it, or take another copy") from None
     if told != found:
         raise FormatError(
             f"{path} was changed after it was written: its sha256 is {told!r:.80}, its content has {found!r}. "

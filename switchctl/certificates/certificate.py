@@ -1,6 +1,5 @@
 """A certificate: a claim with its data and its witness, as JSON, which `check.py` decides by itself."""
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from switchctl.certificates import check
-from switchctl.files import FormatError, read_document, write_text
+from switchctl.files import FormatError, read_document, write_json
 from switchctl.moments import Array
 
 SHARES = 0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4  # that bounds are loosened by, until they hold exactly
@@ -135,7 +134,7 @@ class Certificate:
         -------
         pathlib.Path
         """
-        return write_text(path, json.dumps(self.document, allow_nan=False))
+        return write_json(path, self.document)
 
     def __repr__(self) -> str:
         return f"Certificate claiming that {self._statement()}"
