@@ -4,6 +4,7 @@
 one linear functional of the second moment.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from switchctl.moments import Array
 
 _ACCURACY = 1e-2  # a tail is returned only if its estimated relative error, pessimistic as a rule, is below this
-_DOUBLINGS = 47
+_DOUBLINGS = 60
+_EPS = float(np.finfo(float).eps)
 
 
 def transform(M: Array, G: Array) -> Array:
@@ -104,22 +106,21 @@ def affine_gramians(A: Array, Q: Array, W: Array, price: Array, discount: float,
     return block
 
 
-def is_schur(A: Array) -> bool:
-    """Whether a mode is Schur stable: whether its powers contract within 2^47 steps.
+def is_schur(*steps: Array) -> bool:
+    """Whether a mode, or a word of modes repeated for ever, is Schur stable.
 
-    Where they don't, the eigenvalues must agree: rounding can make the powers of a mode with large transient growth
-    diverge. It then also moves the eigenvalues (by eps^(1/k) for a defective one of order k), which shows when they are
-    computed in other coordinates.
+    Each irreducible part of it is decided by discs around its computed eigenvalues or by a Lyapunov function
+    (docs/theory.md, "Schur").
 
     Parameters
     ----------
-    A : array, shape (n, n)
-        The mode.
+    *steps : arrays, shape (n, n)
+        The mode, or the modes of the word, first step first.
 
     Returns
     -------
     bool
-        A spectral radius within about 1e-14 of 1 counts as 1.
+        A spectral radius between 1 - 1e-12 and 1 may count as 1.
 
     Raises
     ------
@@ -131,23 +132,60 @@ def is_schur(A: Array) -> bool:
     >>> is_schur(np.array([[0.5, 100.0], [0.0, 0.9]])), is_schur(np.array([[0.0, 1.0], [-1.0, 0.0]]))
     (True, False)
     """
-    M = A
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(_DOUBLINGS):
-            rounding = len(A) * np.finfo(float).eps * np.linalg.norm(M) ** 2
-            M = M @ M
-            if np.linalg.norm(M) + rounding < 0.5:
-                return True
-    v = np.arange(1.0, len(A) + 1)
-    mirror = np.eye(len(A)) - 2 * np.outer(v, v) / (v @ v)
-    radii = np.abs(np.linalg.eigvals(np.stack([A, A.T, mirror @ A @ mirror]))).max(axis=-1)
-    spread = np.ptp(radii)
-    if radii.min() - 10 * spread > 1 or (spread < 1e-6 and radii.max() > 1 - 1e-5):
+    leads = np.any([A != 0 for A in steps], axis=0) | np.eye(len(steps[0]), dtype=bool)
+    for _ in range(len(leads).bit_length()):
+        leads = leads @ leads
+    parts = {tuple(np.flatnonzero(row)) for row in leads & leads.T}
+    verdicts = [_part_is_schur([A[np.ix_(part, part)] for A in steps]) for part in parts]
+    if None in verdicts and False not in verdicts:
+        radius = np.abs(np.linalg.eigvals(_product(steps))).max()
+        raise np.linalg.LinAlgError(
+            "whether the mode is Schur is undecided: rounding hides it, for its powers grow much before they shrink, or "
+            f"a multiple pole is near the unit circle (spectral radius about {radius:.6g}); rescale the states"
+        )
+    return False not in verdicts
+
+
+def _part_is_schur(steps: list[Array]) -> bool | None:
+    """What discs around the eigenvalues, or a Lyapunov function, prove; None where neither does."""
+    M = _product(steps)
+    if len(M) == 1:
+        return bool(abs(M[0, 0]) < 1 - 1e-14 * len(steps))
+    lower, upper = _radii(steps, M)
+    if (upper < 1).all():
+        return True
+    beyond = ~((lower < lower[:, None]) & (upper >= lower[:, None])).any(axis=1)  # no disc is partly nearer to zero
+    if (beyond & (lower > 1 - 1e-12)).any():
         return False
-    raise np.linalg.LinAlgError(
-        "whether the mode is Schur is undecided: its powers grow so much before they shrink that rounding hides it "
-        f"(spectral radius {radii.min():.6g} to {radii.max():.6g}); rescale the states"
-    )
+    D = np.eye(len(M))
+    for _ in range(2):  # the second time in units that fit each state
+        if _majorant(steps, M, D, D) is not None:
+            return True
+        D = np.diag(np.diag(_doubled(M, D)))
+    return None
+
+
+def _radii(steps: list[Array], M: Array) -> tuple[Array, Array]:
+    """Of Gershgorin's discs around the eigenvalues of a product: how near to zero and how far from it they reach.
+
+    In the basis V of the computed eigenvectors, the product is L, diagonal, but for ``V^-1 (M V - V L)``.
+    """
+    eigenvalues, V = np.linalg.eig(M)
+    try:
+        W = np.linalg.inv(V)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(M)), np.full(len(M), np.inf)
+    moved = [V]
+    for A in steps:
+        moved.append(A @ moved[-1])
+    left, rounding = W, np.abs(W) @ (np.abs(V) * np.abs(eigenvalues))
+    for A, X in zip(reversed(steps), reversed(moved[:-1]), strict=True):
+        left, rounding = left @ A, rounding + np.abs(left) @ (np.abs(A) @ np.abs(X))
+    off = np.abs(W @ (moved[-1] - V * eigenvalues)) + len(M) * _EPS * rounding
+    unit = np.where(np.abs(eigenvalues) > 0.999, 1e6, 1.0)  # of the eigenvectors: it makes the discs that matter small
+    wrong = np.max(np.abs(W @ V - np.eye(len(M))) @ unit / unit)  # the inverse
+    radius = off @ unit / unit / (1 - wrong) if wrong < 0.5 else np.full(len(M), np.inf)
+    return np.abs(eigenvalues) - radius, np.abs(eigenvalues) + radius
 
 
 def seen(A: Array, Q: Array) -> NDArray[np.bool_]:
@@ -178,9 +216,6 @@ def seen(A: Array, Q: Array) -> NDArray[np.bool_]:
 def tail(A: Array, Q: Array) -> Array | None:
     """What a mode costs for ever, ``P = sum_k A'^k Q A^k = Q + A' P A``, checked before it is returned.
 
-    Doubling, ``P <- P + M' P M``, ``M <- M M`` from ``P = Q``, ``M = A``, only adds positive semidefinite terms. The
-    answer is checked by its residual (docs/theory.md, "Tails").
-
     Parameters
     ----------
     A, Q : arrays, shape (n, n)
@@ -203,56 +238,31 @@ def tail(A: Array, Q: Array) -> Array | None:
     >>> tail(np.array([[1.0]]), np.array([[3.0]])) is None
     True
     """
-    states = np.ix_(*[np.flatnonzero(seen(A, Q))] * 2)
-    whole, A, Q = np.zeros_like(Q), A[states], Q[states]
-    if not is_schur(A):
-        return None
-    if len(A) == 0:
-        return whole
-    P = _doubled(A, Q)
-    # D_ii is the size of what is added up in the residual R. |x' R x| <= r x' D x, with r the norm of R scaled by
-    # D^(-1/2) on both sides; so the error of P is at most r Z, Z = D + A' Z A, and Z at most twice the computed one.
-    D = np.diag(np.diag(np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q)))
-    Z = _doubled(A, D)
-    r, r_Z = (_scaled_norm(weight + transform(A, G) - G, D) for weight, G in ((Q, P), (D, Z)))
-    error = 2 * (r + len(A) * np.finfo(float).eps) * np.diag(Z)
-    if not (r_Z < 0.5 and (error <= _ACCURACY * np.diag(P)).all()):
-        raise np.linalg.LinAlgError(
-            f"the cost for ever cannot be computed to a relative error of {_ACCURACY} (spectral radius "
-            f"{np.abs(np.linalg.eigvals(A)).max():.12g}, greatest entry {np.abs(P).max():.3g}): rescale the states"
-        )
-    whole[states] = P
-    return whole
-
-
-def _scaled_norm(R: Array, D: Array) -> float:
-    """The spectral norm of ``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
-    scale = np.sqrt(np.outer(np.diag(D), np.diag(D)))
-    return float(np.linalg.norm(np.divide(R, scale, out=np.zeros_like(R), where=scale > 0), 2))
-
-
-def _doubled(A: Array, Q: Array) -> Array:
-    """``sum_k A'^k Q A^k`` of a Schur mode, by doubling until the power vanishes."""
-    G, M = Q, A
-    while np.linalg.norm(M) > 1e-20:
-        G, M = G + transform(M, G), M @ M
-    return G
+    return word_tail(A[None], Q[None], (0,))
 
 
 def word_tail(A: Array, Q: Array, word: tuple[int, ...]) -> Array | None:
-    """The cost matrix of a word of modes repeated for ever, by one periodic Lyapunov solve.
+    """What a word of modes repeated for ever costs, checked before it is returned.
+
+    Doubling, ``P <- P + M' P M``, ``M <- M M`` from the cost P of a period and its product M, only adds positive
+    semidefinite terms. The answer is checked by its residual, taken step by step (docs/theory.md, "Tails").
 
     Parameters
     ----------
     A, Q : arrays, shape (m, n, n)
-        Modes and their stage weights.
+        Modes and their positive semidefinite stage weights.
     word : tuple of int
         The modes of one period, first step first.
 
     Returns
     -------
     array, shape (n, n), or None
-        None where the word's product is not Schur.
+        None where the word's product is not Schur (see `is_schur`) on the states that the cost sees (see `seen`).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the estimated relative error of the diagonal of P exceeds 1e-2, or `is_schur` can't decide.
 
     Examples
     --------
@@ -260,8 +270,85 @@ def word_tail(A: Array, Q: Array, word: tuple[int, ...]) -> Array | None:
     >>> word_tail(A, Q, (1, 0))  # 1 + 1 + 1/4 + 1/4 + ..
     array([[2.66666667]])
     """
-    period, product = np.zeros_like(Q[0]), np.eye(A.shape[-1])
-    for mode in reversed(word):
-        period = Q[mode] + transform(A[mode], period)
-        product = product @ A[mode]
-    return tail(product, period)
+    steps, weights = [A[mode] for mode in word], [Q[mode] for mode in word]
+    period = _along(steps, weights, np.zeros_like(Q[0]))[-1]
+    states = seen(_product(steps), period)
+    for k in reversed(range(len(word))):
+        steps[k] = np.where(states[:, None], steps[k], 0.0)
+        states = (np.diag(weights[k]) > 0) | (steps[k] != 0).any(axis=0)
+    if not is_schur(*steps):
+        return None
+    M = _product(steps)
+    P = _doubled(M, period)
+    worth = _along(steps, weights, P)
+    D, sizes = _sizes(steps, weights, worth)
+    Z = _majorant(steps, M, D, sizes)
+    if Z is not None:
+        error = 2 * (_scaled_norm(worth[-1] - P, D) + len(M) * _EPS) * np.diag(Z)
+        if (error <= _ACCURACY * np.diag(P)).all():
+            return P
+    raise np.linalg.LinAlgError(
+        f"the cost for ever cannot be computed to a relative error of {_ACCURACY} (spectral radius "
+        f"{np.abs(np.linalg.eigvals(M)).max():.12g}, greatest entry {np.abs(P).max():.3g}): rescale the states"
+    )
+
+
+def _product(steps: Sequence[Array]) -> Array:
+    """What steps make together, the first one on the right."""
+    M = steps[0]
+    for A in steps[1:]:
+        M = A @ M
+    return M
+
+
+def _along(steps: Sequence[Array], weights: Sequence[Array], P: Array) -> list[Array]:
+    """What P is worth after some steps, before the last of them, .., and before them all, with their weights."""
+    worth = [P]
+    for A, Q in zip(reversed(steps), reversed(weights), strict=True):
+        worth.append(Q + transform(A, worth[-1]))
+    return worth
+
+
+def _sizes(steps: Sequence[Array], weights: Sequence[Array], worth: Sequence[Array]) -> tuple[Array, Array]:
+    """How great the terms are that rounding acts on in `_along`, at the first step and in all, as worth before them."""
+    D = sizes = np.zeros_like(worth[0])
+    for A, Q, later, P in zip(reversed(steps), reversed(weights), worth[:-1], worth[1:], strict=True):
+        D = np.diag(np.diag(np.abs(A).T @ np.abs(later) @ np.abs(A) + np.abs(Q) + np.abs(P)))
+        sizes = D + transform(A, sizes)
+    return D, sizes
+
+
+def _majorant(steps: Sequence[Array], M: Array, D: Array, sizes: Array) -> Array | None:
+    """``Z = sizes + M' Z M``, at most half of it missing; None where that can't be shown.
+
+    As sizes is D (diagonal) or more, this proves the word Schur on the states of D.
+    """
+    Z = _doubled(M, sizes)
+    if not np.abs(Z).max() < 1e200:
+        return None
+    none = [np.zeros_like(M)] * len(steps)
+    worth = _along(steps, none, Z)
+    rounding = len(M) * _EPS * _scaled_norm(_sizes(steps, none, worth)[1], D)
+    shown = _scaled_norm(sizes + worth[-1] - Z, D) + rounding < 0.5
+    return Z if shown and np.linalg.eigvalsh(_scaled(Z, D)).min() > -1e-3 else None
+
+
+def _scaled(R: Array, D: Array) -> Array:
+    """``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
+    scale = np.sqrt(np.outer(np.diag(D), np.diag(D)))
+    return np.divide(R, scale, out=np.zeros_like(R), where=scale > 0)
+
+
+def _scaled_norm(R: Array, D: Array) -> float:
+    return float(np.linalg.norm(_scaled(R, D), 2))
+
+
+def _doubled(M: Array, Q: Array) -> Array:
+    """``sum_k M'^k Q M^k`` of a Schur mode, by doubling until the power vanishes; of others anything, NaN perhaps."""
+    G = Q
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_DOUBLINGS):
+            if np.linalg.norm(M) < 1e-20:
+                break
+            G, M = G + transform(M, G), M @ M
+    return G

@@ -212,7 +212,7 @@ def rotated(T, seed=8):
 
 
 def test_a_verdict_that_rounding_hides_is_an_error():
-    A = rotated(np.diag(np.linspace(0.9, -0.9, 5)) + 300 * np.triu(np.ones((5, 5)), 1))
+    A = rotated(np.diag(np.linspace(0.9, -0.9, 5)) + 600 * np.triu(np.ones((5, 5)), 1))
     with mpmath.workdps(60):
         assert max(abs(x) for x in mpmath.eig(mpmath.matrix(A.tolist()), left=False, right=False)) < 1
     with pytest.raises(np.linalg.LinAlgError, match="undecided"):
