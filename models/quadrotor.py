@@ -113,7 +113,17 @@ def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSyst
 
 
 def plant(measured: Sequence[str] = STATES) -> control.StateSpace:
-    """Linearise the nonlinear equations about hover; ``measured`` as for `nonlinear_plant`."""
+    """Linearise the nonlinear equations about hover.
+
+    Parameters
+    ----------
+    measured : sequence of str, optional
+        As for `nonlinear_plant`.
+
+    Returns
+    -------
+    control.StateSpace
+    """
     linear = nonlinear_plant(measured).linearize(np.zeros(6), np.zeros(3), eps=1e-6)
     # About hover each axis is a double integrator; the difference quotients leave noise in the zeros.
     A, B = np.round(linear.A, 6), np.where(np.abs(linear.B) < 1e-6 * np.abs(linear.B).max(), 0, linear.B)
@@ -209,9 +219,9 @@ def dynamic_modes(
 
     Parameters
     ----------
-    discretize, inactive
+    discretize, inactive : optional
         As for `switchctl.close_loops`.
-    initial : optional
+    initial : array_like, shape (12, 6), optional
         As for `switchctl.close_loops`; by default `settled_lead`.
 
     Returns

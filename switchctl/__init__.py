@@ -29,11 +29,12 @@ from switchctl.methods import (
     single_mode_costs,
 )
 from switchctl.modes import Mode, ModeSet
-from switchctl.result import Schedule, Switch
+from switchctl.result import Schedule
 from switchctl.rules import Budget, ContradictionError, Rules
 from switchctl.scheduling import schedule
 from switchctl.simulation import MonteCarlo, Run, monte_carlo, simulate
 from switchctl.sweeping import Sweep, sweep
+from switchctl.switches import Switch
 from switchctl.tail_costs import CostParts
 from switchctl.trade_offs import TradeOff, trade_off
 

@@ -26,9 +26,9 @@ class ClosedLoops(ModeSet):
 
     Parameters
     ----------
-    matrices, names, dt, keywords
+    matrices, names, dt, **keywords : see `ModeSet`
         As for `ModeSet`.
-    plant, controllers, process_noise, measurement_noise, error_covariance
+    plant, controllers, process_noise, measurement_noise, error_covariance : see below
         The attributes.
 
     Attributes

@@ -130,6 +130,11 @@ class Comparison:
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw W2 of every single mode and of the schedules; see `switchctl.plotting.plot_w2` for the keywords.
 
+        Parameters
+        ----------
+        **keywords : stop, ax, title, legend_loc
+            As for `plot_w2`.
+
         Returns
         -------
         control.ControlPlot
@@ -140,6 +145,11 @@ class Comparison:
 
     def plot_area(self, **keywords: Any) -> "ControlPlot":
         """Draw the costs as bars; see `switchctl.plotting.plot_area` for the keywords.
+
+        Parameters
+        ----------
+        **keywords : ax, title, legend_loc
+            As for `plot_area`.
 
         Returns
         -------

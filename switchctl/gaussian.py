@@ -95,6 +95,11 @@ class Gaussian:
         Returns
         -------
         float, or array for a batch
+
+        Raises
+        ------
+        ValueError
+            If target has another dimension.
         """
         target = real_array(target, "target")
         if target.ndim and target.shape[-1] != self.mean.shape[-1]:

@@ -28,6 +28,11 @@ def transform(M: Array, G: Array) -> Array:
     Returns
     -------
     array, shape (..., n, n)
+
+    Examples
+    --------
+    >>> transform(np.array([[0.5]]), np.array([[4.0]]))
+    array([[1.]])
     """
     product = np.swapaxes(M, -1, -2) @ G @ M
     return (product + np.swapaxes(product, -1, -2)) / 2

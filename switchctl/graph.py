@@ -27,6 +27,17 @@ class Edge(NamedTuple):
     The step moves the second moment by ``S+ = A S A'`` and costs ``tr(Q S) + constant``, in the unit of
     `Schedule.cost`: Q holds dk times the stage weight and what a switch costs by W2, the constant dk times the running
     price and the fixed cost of the switch.
+
+    Parameters
+    ----------
+    tail, head : int
+        The nodes.
+    mode : int
+        Index of the mode.
+    A, Q : arrays, shape (n, n)
+        The step, and what it costs by the second moment before it.
+    constant : float
+        What it costs besides.
     """
 
     tail: int
@@ -327,6 +338,11 @@ class SwitchingGraph:
 
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw nodes and moves; see `switchctl.plotting.plot_graph` for the keywords.
+
+        Parameters
+        ----------
+        **keywords : ax, title, legend_loc
+            As for `plot_graph`.
 
         Returns
         -------

@@ -38,6 +38,11 @@ class Mode:
         Sampling period in seconds, or True for none.
     states : tuple of str
         The names of the states.
+
+    Examples
+    --------
+    >>> ModeSet([[[0.5]], [[0.9]]], names=["fast", "slow"])["slow"].spectral_radius
+    0.9
     """
 
     index: int

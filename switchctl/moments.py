@@ -114,6 +114,12 @@ def moment_factor(mean: Array, cov: Array) -> Array:
     Returns
     -------
     array, shape (n, n + 1)
+
+    Examples
+    --------
+    >>> F = moment_factor(np.array([3.0]), np.array([[4.0]]))
+    >>> F @ F.T
+    array([[13.]])
     """
     return np.column_stack([mean, root(cov)])
 
@@ -129,6 +135,11 @@ def second_moment(mean: Array, cov: Array) -> Array:
     Returns
     -------
     array, shape (..., n, n)
+
+    Examples
+    --------
+    >>> second_moment(np.array([3.0]), np.array([[4.0]]))
+    array([[13.]])
     """
     return mean[..., :, None] * mean[..., None, :] + cov
 
@@ -148,6 +159,11 @@ def stepped(F: Array, A: Array, noise_root: Array | None = None) -> Array:
     Returns
     -------
     array, shape (n, n + 1)
+
+    Examples
+    --------
+    >>> stepped(np.array([[3.0, 2.0]]), np.array([[0.5]]))
+    array([[1.5, 1. ]])
     """
     moved = A @ F
     if noise_root is None:
@@ -171,6 +187,11 @@ def trajectory(A: Array, steps: Iterable[Any], F: Array) -> Array:
     Returns
     -------
     array, shape (N + 1, n, n + 1)
+
+    Examples
+    --------
+    >>> trajectory(np.array([[[0.5]], [[2.0]]]), [0, 1], np.array([[4.0, 0.0]]))[:, 0, 0]
+    array([4., 2., 4.])
     """
     factors = [F]
     for step in steps:
@@ -196,6 +217,12 @@ def constant_w2(A: Array, S: Array, steps: int, plant_states: int | None = None)
     -------
     array, shape (m, steps)
         Infinite beyond the floating-point range.
+
+    Examples
+    --------
+    >>> constant_w2(np.array([[[0.5]], [[2.0]]]), np.array([[4.0]]), 3)
+    array([[ 4.  ,  1.  ,  0.25],
+           [ 4.  , 16.  , 64.  ]])
     """
     w2 = np.empty((len(A), steps))
     F = np.broadcast_to(root(S), A.shape)
@@ -218,6 +245,12 @@ def root(S: Array) -> Array:
     Returns
     -------
     array, shape (n, n)
+
+    Examples
+    --------
+    >>> L = root(np.array([[4.0, 2.0], [2.0, 1.0]]))  # singular
+    >>> np.allclose(L @ L.T, [[4.0, 2.0], [2.0, 1.0]])
+    True
     """
     diagonal = np.diag(S)
     unit = np.exp2(np.round(np.log2(np.where(diagonal > 0, diagonal, 1.0)) / 2))

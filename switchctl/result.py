@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
 from switchctl.predicted import factors_along, predicted, squared_distances
 from switchctl.result_text import facts, heading
+from switchctl.switches import Switch, switches_of
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
 from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
@@ -31,14 +32,6 @@ from switchctl.values import require_criterion
 if TYPE_CHECKING:
     import pandas
     from control import ControlPlot
-
-
-class Switch(NamedTuple):
-    """A change of mode: the first step of the new mode, and the modes before and after."""
-
-    step: int
-    before: int
-    after: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +269,11 @@ class Schedule:
         Returns
         -------
         float
+
+        Raises
+        ------
+        ValueError
+            If there are no such steps.
         """
         stop = len(self) if stop is None else whole_number(stop, "stop", 0)
         start = whole_number(start, "start", 0)
@@ -286,9 +284,7 @@ class Schedule:
     @cached_property
     def switches(self) -> tuple[Switch, ...]:
         """Every change of mode, also from the rules' start: its step, the mode before and the mode after."""
-        s, start = self.sequence, self.graph.start_mode
-        first = (Switch(0, start, int(s[0])),) if start not in (-1, s[0]) else ()
-        return first + tuple(Switch(int(k), int(s[k - 1]), int(s[k])) for k in np.flatnonzero(np.diff(s)) + 1)
+        return switches_of(self.sequence, self.graph.start_mode)
 
     @property
     def dwell_times(self) -> NDArray[np.intp]:
@@ -380,6 +376,11 @@ class Schedule:
 
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw W2 with the active mode under it; see `switchctl.plotting.plot_w2` for the keywords.
+
+        Parameters
+        ----------
+        **keywords : stop, ax, title, legend_loc
+            As for `plot_w2`.
 
         Returns
         -------

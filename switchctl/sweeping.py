@@ -65,6 +65,11 @@ class Sweep:
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw the cost relative to the best single mode as a heat map; see `switchctl.plotting.plot_sweep`.
 
+        Parameters
+        ----------
+        **keywords : ax, title, legend_loc
+            As for `plot_sweep`.
+
         Returns
         -------
         control.ControlPlot

@@ -10,7 +10,13 @@ from switchctl.values import cost_of, repeated
 
 
 class CostParts(NamedTuple):
-    """A cost in parts: what the state costs, what switches cost, and the running price; each may be infinite."""
+    """A cost in parts: what the state costs, what switches cost, and the running price; each may be infinite.
+
+    Parameters
+    ----------
+    state, switching, running : float
+        The parts, in the unit of `Schedule.cost`.
+    """
 
     state: float
     switching: float

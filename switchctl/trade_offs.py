@@ -86,6 +86,11 @@ class TradeOff:
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw the cost of the state against switches, dwell or use; see `switchctl.plotting.plot_trade_off`.
 
+        Parameters
+        ----------
+        **keywords : ax, title, legend_loc
+            As for `plot_trade_off`.
+
         Returns
         -------
         control.ControlPlot

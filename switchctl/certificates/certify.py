@@ -61,6 +61,16 @@ def certify(
     TypeError, ValueError
         If an argument is of the wrong kind or value, the schedule's cost is infinite, a stage weight is singular, or a
         bound doesn't hold in exact arithmetic.
+
+    Examples
+    --------
+    >>> from switchctl.certificates import certify
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> certificate = certify(schedule(modes, x0, PointwiseMinimum()), gap=0.01)
+    >>> certificate.check()
+    >>> print(f"the least cost lies between {certificate.lower:.2f} and {certificate.upper:.2f}")
+    the least cost lies between 77.48 and 77.77
     """
     if isinstance(found, Schedule):
         return optimum(

@@ -181,6 +181,11 @@ class Scheduler(ABC):
         Returns
         -------
         sequence of float
+
+        Raises
+        ------
+        TypeError
+            If a method has something to `forget`, and doesn't say what.
         """
         if type(self).forget is not Scheduler.forget:
             raise TypeError(
@@ -352,6 +357,13 @@ class Method(ABC):
         Returns
         -------
         Scheduler
+
+        Raises
+        ------
+        TypeError
+            If graph is neither.
+        ValueError
+            If the method can't work with these modes and rules.
         """
 
     def __repr__(self) -> str:

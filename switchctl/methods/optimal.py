@@ -41,8 +41,18 @@ _MANY = 1_000_000  # .. after so many moments and 8 times those of the last, for
 class Rung(NamedTuple):
     """What is known after a rung of the search, as `Optimal` tells its callback.
 
-    ``cost`` and ``lower_bound`` are in the unit of `Schedule.cost`, ``tolerance`` and ``gap`` fractions of the cost,
-    ``nodes`` the moments seen, ``seconds`` the time since the search began.
+    Parameters
+    ----------
+    tolerance : float
+        What the rung was searched with, a fraction of the cost.
+    cost, lower_bound : float
+        The least cost found and what is proven, in the unit of `Schedule.cost`.
+    gap : float
+        How far they are apart, a fraction of the cost.
+    nodes : int
+        Moments seen.
+    seconds : float
+        The time since the search began.
     """
 
     tolerance: float

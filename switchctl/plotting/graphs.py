@@ -39,6 +39,13 @@ def plot_graph(
     ------
     ValueError
         If the graph has more nodes.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_graph
+    >>> graph = SwitchingGraph(ModeSet([[[0.5]], [[0.9]]]), Rules(min_dwell=2))
+    >>> plot_graph(graph).axes.shape
+    (1, 1)
     """
     require(graph, SwitchingGraph, "plot_graph")
     if len(graph) > _NODES:

@@ -53,6 +53,14 @@ def plot_area(
     Returns
     -------
     control.ControlPlot
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_area
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_area(compare(modes, x0, [Rollout()])).axes.shape
+    (1, 1)
     """
     require(comparison, Comparison, "plot_area")
     ax = one_axes(ax)
@@ -116,6 +124,14 @@ def plot_ellipses(
     ------
     ValueError
         If there are not two different states of the modes, or the probability is not between 0 and 1.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_ellipses
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_ellipses(schedule(modes, x0, Rollout())).axes.shape
+    (1, 1)
     """
     require(schedule, Schedule, "plot_ellipses")
     pair = _state_pair(schedule.modes, states)
@@ -164,6 +180,14 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
     Returns
     -------
     control.ControlPlot
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_sweep
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_sweep(sweep(modes, x0, [1, 5], [1, 2])).axes.shape
+    (1, 1)
     """
     require(sweep, Sweep, "plot_sweep")
     ax = one_axes(ax)
@@ -220,6 +244,14 @@ def plot_trade_off(
     ------
     ValueError
         If no setting has a schedule of finite cost.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_trade_off
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_trade_off(trade_off(modes, x0, over="min_dwell", values=[1, 2])).axes.shape
+    (1, 1)
     """
     require(trade_off, TradeOff, "plot_trade_off")
     over, modes = trade_off.over, trade_off.modes

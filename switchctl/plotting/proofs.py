@@ -42,6 +42,16 @@ def plot_bounds(
     ------
     TypeError
         If rungs are not what the callback was told, one at least.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_bounds
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> rungs = []
+    >>> found = schedule(modes, x0, Optimal(gap=0.05, callback=rungs.append))
+    >>> plot_bounds(rungs).axes.shape
+    (1, 1)
     """
     rungs = list(rungs) if isinstance(rungs, Sequence) else [rungs]
     if not rungs or not all(isinstance(rung, Rung) for rung in rungs):
@@ -87,6 +97,15 @@ def plot_tree(
     ------
     ValueError
         If the tree has more prefixes.
+
+    Examples
+    --------
+    >>> from switchctl.certificates import certify
+    >>> from switchctl.plotting import plot_tree
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_tree(certify(schedule(modes, x0, PointwiseMinimum()), gap=0.05)).axes.shape
+    (1, 1)
     """
     require(certificate, Certificate, "plot_tree")
     data, witness = certificate.document["data"], certificate.document["witness"]

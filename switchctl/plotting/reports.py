@@ -39,6 +39,14 @@ def plot_report(report: Report, *, title: str | None = None) -> ControlPlot:
     -------
     control.ControlPlot
         Its axes are (2, 2).
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_report
+    >>> from switchctl.stability import report
+    >>> from switchctl.models import five_mode
+    >>> plot_report(report(five_mode.modes(), time_limit=1)).axes.shape
+    (2, 2)
     """
     require(report, Report, "plot_report")
     m = len(report.modes)

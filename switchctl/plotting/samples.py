@@ -59,6 +59,14 @@ def plot_monte_carlo(
     -------
     control.ControlPlot
         Its axes are W2 and, below it, the strips.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_monte_carlo
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_monte_carlo(monte_carlo(schedule(modes, x0, Rollout()), 100)).axes.shape
+    (2, 1)
     """
     require(result, MonteCarlo, "plot_monte_carlo")
     shown = steps_shown(list(result.predicted), stop)

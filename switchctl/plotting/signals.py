@@ -55,6 +55,14 @@ def plot_w2(
     -------
     control.ControlPlot
         Its axes are W2 and, below it, the active mode.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_w2
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_w2(schedule(modes, x0, Rollout())).axes.shape
+    (2, 1)
     """
     require(data, (Schedule, Comparison), "plot_w2")
     schedules = data.schedules if isinstance(data, Comparison) else {data.method or "schedule": data}
@@ -115,6 +123,14 @@ def plot_switching(
     Returns
     -------
     control.ControlPlot
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_switching
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_switching(schedule(modes, x0, Rollout())).axes.shape
+    (1, 1)
     """
     require(schedule, Schedule, "plot_switching")
     ax = one_axes(ax, (6.4, 0.9 + 0.32 * len(schedule.modes)))
@@ -159,6 +175,14 @@ def plot_schematic(
     ------
     ValueError
         If the schedule never switches.
+
+    Examples
+    --------
+    >>> from switchctl.plotting import plot_schematic
+    >>> from switchctl.models import five_mode
+    >>> modes, x0 = five_mode.modes(), five_mode.initial_state()
+    >>> plot_schematic(schedule(modes, x0, FewSwitches(1))).axes.shape
+    (1, 1)
     """
     require(schedule, Schedule, "plot_schematic")
     switches = [switch for switch in schedule.switches if switch.step > 0]

@@ -122,6 +122,11 @@ class MonteCarlo:
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw W2 and the mean with its band; see `switchctl.plotting.plot_monte_carlo` for the keywords.
 
+        Parameters
+        ----------
+        **keywords : ax, title, legend_loc
+            As for `plot_monte_carlo`.
+
         Returns
         -------
         control.ControlPlot

@@ -31,6 +31,13 @@ class Stationary(NamedTuple):
     """What process noise keeps the state at: how often each node is visited, and the second moment there.
 
     A node that is not visited in the long run has the share 0 and, here, the moment 0.
+
+    Parameters
+    ----------
+    share : array, shape (nodes,)
+        How often each node is visited, of 1.
+    given : array, shape (nodes, n, n)
+        The second moment when it is.
     """
 
     share: Array

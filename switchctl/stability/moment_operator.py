@@ -20,7 +20,19 @@ _DENSE = 1000  # rows up to which all eigenvalues are computed
 
 
 class Move(NamedTuple):
-    """One move: from a node to a node by a step A in a mode, with its probability (1 in a word)."""
+    """One move: from a node to a node by a step A in a mode, with its probability (1 in a word).
+
+    Parameters
+    ----------
+    tail, head : int
+        The nodes.
+    mode : int
+        Index of the mode.
+    weight : float
+        The probability.
+    A : array, shape (n, n)
+        The step.
+    """
 
     tail: int
     head: int

@@ -103,6 +103,13 @@ def policy_stability(modes: ModeSet | SwitchingGraph, method: Method) -> PolicyS
         If an argument is of the wrong kind.
     ValueError
         Where the method refuses the modes.
+
+    Examples
+    --------
+    >>> from switchctl.stability import policy_stability
+    >>> from switchctl.models import five_mode
+    >>> policy_stability(five_mode.modes(), Rollout()).verdict
+    'stable'
     """
     graph = as_graph(modes)
     if not isinstance(method, Method):

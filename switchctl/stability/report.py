@@ -129,6 +129,11 @@ class Report:
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw the page; see `switchctl.plotting.plot_report` for the keywords.
 
+        Parameters
+        ----------
+        **keywords : title
+            As for `plot_report`.
+
         Returns
         -------
         control.ControlPlot
