@@ -76,6 +76,7 @@ class Decisions:
         self.places: list[tuple[int, int]] = [(0, 0)]  # the steps taken (0 if endless) and the node of the graph
         self._numbers = {(0, 0): 0}
         self._moves: dict[int, list[Move]] = {}
+        self._repeats: dict[int, set[int]] = {}
         self._forced, self._circling = _forced(graph)
         self._composed: dict[tuple[int, tuple[int, ...]], tuple[int, Array, Array, Array, Array, float, float]] = {}
 
@@ -117,6 +118,20 @@ class Decisions:
             ways = [] if self.ended(u) else np.flatnonzero(self.graph.successor[v] >= 0).tolist()
             self._moves[u] = [self._move(k, v, mode) for mode in ways]
         return self._moves[u]
+
+    def repeats(self, u: int) -> set[int]:
+        """The numbers of the moves from a choice that do what an earlier one does: modes that are equal."""
+        if u not in self._repeats:
+            moves = self.moves(u)
+            self._repeats[u] = {
+                number
+                for number, move in enumerate(moves)
+                for other in moves[:number]
+                if (move.head, move.constant) == (other.head, other.constant)
+                and np.array_equal(move.K, other.K)
+                and np.array_equal(move.q, other.q)
+            }
+        return self._repeats[u]
 
     def reachable(self, limit: int) -> bool:
         """Meet every choice, up to so many; whether that was all."""

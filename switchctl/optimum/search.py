@@ -194,8 +194,9 @@ class Search:
                 norms = np.linalg.norm(L, axis=1) * np.linalg.norm(move.K) + np.linalg.norm(move.q)
                 slip = move.cost_slip + move.slip * np.linalg.norm(L, axis=1) * 4 * self._size + self._rounding * norms
                 slips.append(slip.max())
-            constants = [move.constant + self.decisions.constant_ahead(move.head) for move in moves]
-            table = _Table(self.lower.count, np.concatenate(bounds), np.array(constants), np.array(slips))
+            constants = np.array([move.constant + self.decisions.constant_ahead(move.head) for move in moves])
+            constants[list(self.decisions.repeats(u))] = np.inf  # nothing better is found there
+            table = _Table(self.lower.count, np.concatenate(bounds), constants, np.array(slips))
             self._tables[u] = table
         return table
 

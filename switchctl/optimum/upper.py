@@ -140,7 +140,7 @@ class UpperBounds:
                 (walk.then(number, move), move.head)
                 for walk, at in walks
                 for number, move in enumerate(decisions.moves(at))
-                if move.constant == 0
+                if move.constant == 0 and number not in decisions.repeats(at)
             ]
             if len(closed) + len(walks) > _WALKS:
                 break
