@@ -115,6 +115,13 @@ def test_distances_between_gaussians_move_with_them(n, m, seed):
     assert wasserstein(a, c) <= (wasserstein(a, b) + wasserstein(b, c)) * (1 + 1e-9)
     assert wasserstein(a, Gaussian(shift, np.zeros((n, n)))) ** 2 == pytest.approx(a.w2(shift), rel=1e-9)
     assert a.about(shift).w2() == pytest.approx(a.w2(shift), rel=1e-12)
+    root = rng.standard_normal((n, n))
+    M = root @ root.T  # x -> M x + shift is the gradient of a convex function, so it moves optimally (Brenier)
+    cov = M @ a.cov @ M
+    there = Gaussian(M @ a.mean + shift, (cov + cov.T) / 2)
+    rest = np.eye(n) - M
+    expected = np.sum((rest @ a.mean - shift) ** 2) + np.sum((rest @ a.cov) * rest)
+    assert wasserstein(a, there) ** 2 == pytest.approx(expected, rel=1e-6)
 
 
 # Costs
@@ -125,6 +132,7 @@ def test_horizon_costs_obey_their_recursion_and_grow_to_the_tail(n, m, seed):
     modes, _, rng = plant(n, m, seed)
     A, Q, T = modes.A, modes.Q, int(rng.integers(1, 40))
     G, longer = horizon_gramians(A, Q, T), horizon_gramians(A, Q, T + 1)
+    assert close(horizon_gramians(A, Q, 0), Q, 1e-15)
     assert close(longer, Q + np.swapaxes(A, 1, 2) @ G @ A, 1e-11)
     assert at_most(G, longer)
     P = tail(A[0], Q[0])
