@@ -194,10 +194,7 @@ class Rules(_Record):
         if endless and isinstance(value, float) and value == math.inf:
             return value
         if self.time_unit == "step":
-            steps = whole_number(value, name, least)
-            if steps > 2**53:
-                raise ValueError(f"{name} exceeds {2**53} steps; leave it out if there is no limit")
-            return steps
+            return whole_number(value, name, least)
         seconds = number(value, name)
         if not 0 <= seconds < math.inf or (seconds == 0 and least > 0):
             raise ValueError(f"{name} is {value!r} s; expected a {'positive' if least else 'non-negative'} finite time")

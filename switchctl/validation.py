@@ -1,7 +1,8 @@
 """The boundary: what users hand in becomes float64 arrays, once, or an error that says what to do."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
+from itertools import islice
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -12,6 +13,9 @@ from scipy.sparse import issparse
 from switchctl.moments import Array
 
 Frozen = TypeVar("Frozen", bound=np.ndarray)
+
+GREATEST = 2**53
+"""Whole numbers up to this one are told apart in floating point; a greater one is refused."""
 
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
@@ -72,21 +76,33 @@ def frozen(array: Frozen) -> Frozen:
     return array
 
 
+def shown(value: Any) -> str:
+    """What came, for a message: as it is written where that is short, or else its type."""
+    if isinstance(value, int) and abs(value) > GREATEST:
+        return f"an integer of {value.bit_length()} bits"
+    text = repr(value)
+    return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
+
+
 def whole_number(value: Any, name: str, least: int = 1) -> int:
     """Check an integer of at least ``least``."""
+    value = _scalar(value)
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a whole number, not {value!r}")
-    if not isinstance(value, Integral) and not (math.isfinite(value) and float(value).is_integer()):
+        raise TypeError(f"{name} must be a whole number, not {shown(value)}")
+    if not isinstance(value, Integral) and not (abs(value) < math.inf and value % 1 == 0):
         raise ValueError(f"{name} is {value!r}; expected a whole number")
     if value < least:
-        raise ValueError(f"{name} is {value!r}; expected at least {least}")
-    return int(float(value)) if not isinstance(value, Integral) else int(value)
+        raise ValueError(f"{name} is {shown(value)}; expected at least {least}")
+    if value > GREATEST:
+        raise ValueError(f"{name} exceeds {GREATEST}, the greatest whole number that may be asked for")
+    return int(value)
 
 
 def number(value: Any, name: str) -> float:
     """Check a real number that is not NaN."""
+    value = _scalar(value)
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number, not {value!r}")
+        raise TypeError(f"{name} must be a number, not {shown(value)}")
     try:
         real = float(value)
     except OverflowError:
@@ -94,6 +110,22 @@ def number(value: Any, name: str) -> float:
     if math.isnan(real):
         raise ValueError(f"{name} is nan; expected a number")
     return real
+
+
+def _scalar(value: Any) -> Any:
+    """The number that an array without axes holds; anything else as it is."""
+    return value[()] if type(value) is np.ndarray and value.ndim == 0 else value
+
+
+def listed(value: Any, name: str, what: str, most: int = 10**8) -> list[Any]:
+    """The entries of a sequence, or of anything else that has an order and an end."""
+    unordered = isinstance(value, str | bytes | Mapping | Set) or issparse(value) or not isinstance(value, Iterable)
+    if unordered or (isinstance(value, np.ndarray) and value.ndim == 0):
+        raise TypeError(f"{name} must be a sequence of {what}, not {shown(value)}")
+    entries = list(islice(value, most + 1))
+    if len(entries) > most:
+        raise ValueError(f"{name} has more than {most:,} entries, the most there may be")
+    return entries
 
 
 def sampling_period(dt: Any, name: str = "dt") -> float | bool:
