@@ -9,6 +9,7 @@ import numpy as np
 from switchctl.closed_loop import ClosedLoops
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method, Scheduler
+from switchctl.methods.base import require_method, started
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import Rules
@@ -198,9 +199,8 @@ class _Controlling(_Deciding):
 
 def _started(method: Method, modes: ModeSet, rules: Rules | SwitchingGraph | None) -> Scheduler:
     """The scheduler of a block."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
-    return method.start(graph_under(modes, rules))
+    require_method(method)
+    return started(method, graph_under(modes, rules))
 
 
 def _measured(plant: control.StateSpace, by_output: bool) -> tuple[list[str], Array]:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.contradiction import contradiction
-from switchctl.limits import NODES, TooManyNodes, find, limits
+from switchctl.limits import NODES, TooManyNodes, find, indices, limits
 from switchctl.memory import Automaton, Memory, explore, longest_runs
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
 from switchctl.tables import html_table, tree
-from switchctl.validation import frozen
+from switchctl.validation import frozen, listed, shown, whole_number
 
 if TYPE_CHECKING:
     import networkx
@@ -141,14 +141,15 @@ class SwitchingGraph:
         ├── serve 1  2 edges, may be held for ever
         └── serve 2  1 edge
         """
+        require_modes(modes)
         automaton: dict[tuple[Hashable, int], Hashable] = {}
-        for number, edge in enumerate(edges):
+        for number, edge in enumerate(listed(edges, "edges", "moves (from, to, mode)", NODES * len(modes))):
             if isinstance(edge, str) or not isinstance(edge, Sequence) or len(edge) != 3:
                 raise TypeError(f"edges[{number}] is {edge!r}; expected (from, to, mode)")
             tail, head, mode = edge[0], edge[1], find(modes, edge[2], f"edges[{number}]")
             for node in (tail, head):
-                if not isinstance(node, Hashable):
-                    raise TypeError(f"edges[{number}] has the node {node!r}; a node must be hashable")
+                if not isinstance(node, Hashable) or node != node:
+                    raise TypeError(f"edges[{number}] has the node {shown(node)}; a node must be hashable, and no NaN")
             if automaton.setdefault((tail, mode), head) != head:
                 raise ValueError(
                     f"edges[{number}]: another edge leaves {tail!r} in mode {modes.names[mode]!r} for "
@@ -158,8 +159,8 @@ class SwitchingGraph:
             raise ValueError("edges is empty; give at least one move (from, to, mode)")
         if start is None:
             start = next(iter(automaton))[0]
-        elif all(start != tail for tail, _ in automaton):
-            raise ValueError(f"start is {start!r}, which no edge leaves")
+        elif not isinstance(start, Hashable) or start not in {tail for tail, _ in automaton}:
+            raise ValueError(f"start is {shown(start)}, which no edge leaves")
         graph = cls.__new__(cls)
         graph._build(modes, rules, automaton, start)
         return graph
@@ -175,13 +176,13 @@ class SwitchingGraph:
         self.switch_cost, self.switch_cost_per_w2 = frozen(found.switch_cost), frozen(found.switch_cost_per_w2)
         self.price = frozen(found.price - found.price.min())
         self.resource_use = None if found.use is None else frozen(np.array([float(x * found.unit) for x in found.use]))
-        self._memory = Memory(found, automaton, place)
         try:
+            self._memory = Memory(found, automaton, place)
             successor, states = explore(self._memory)
-        except TooManyNodes:
+        except TooManyNodes as error:
             raise TooManyNodes(
-                f"the graph of {rules!r} has more than {NODES:,} nodes, the most there may be; a shorter window "
-                "or smaller limit, dwell times or times of availability in fewer steps, or fewer switches need fewer"
+                f"the graph of {rules!r} {error}, the most there may be; a shorter window or smaller limit, dwell "
+                "times or times of availability in fewer steps, or fewer switches need fewer"
             ) from None
         runs = longest_runs(successor)
         if np.isfinite(runs[0]):
@@ -252,8 +253,19 @@ class SwitchingGraph:
         Returns
         -------
         str
+
+        Raises
+        ------
+        TypeError, ValueError, IndexError
+            If there is no such node.
         """
-        return self._memory.label(self._states[node], self.modes.names)
+        return self._memory.label(self._states[self._node(node)], self.modes.names)
+
+    def _node(self, node: Any) -> int:
+        """The number of a node, checked."""
+        if (number := whole_number(node, "node", 0)) >= len(self):
+            raise IndexError(f"node is {number}; the graph has {len(self)} nodes, counted from 0")
+        return number
 
     def edges(self) -> Iterator[Edge]:
         """Every move, by node and mode.
@@ -287,10 +299,11 @@ class SwitchingGraph:
         ------
         ValueError
             If the rules forbid a step; the message says which.
+        TypeError, KeyError, IndexError
+            If there is no such mode or node.
         """
-        nodes = [node]
-        for k, given in enumerate(sequence):
-            mode = self.modes.index(given)
+        nodes = [self._node(node)]
+        for k, mode in enumerate(indices(self.modes, sequence, "sequence")):
             head = int(self.successor[nodes[-1], mode])
             if head < 0:
                 raise ValueError(f"step {k}: {self.refusal(nodes[-1], mode)}")
@@ -313,8 +326,17 @@ class SwitchingGraph:
         Returns
         -------
         str
+
+        Raises
+        ------
+        ValueError
+            If the rules allow it.
+        TypeError, KeyError, IndexError
+            If there is no such node or mode.
         """
-        names = self.modes.names
+        node, mode, names = self._node(node), find(self.modes, mode, "mode"), self.modes.names
+        if self.successor[node, mode] >= 0:
+            raise ValueError(f"mode {names[mode]!r} is allowed at node {node} ({self.label(node)}); nothing refuses it")
         ways = ", ".join(names[i] for i in np.flatnonzero(self.successor[node] >= 0))
         return f"mode {names[mode]!r} is not allowed by {self.rules!r} ({self.label(node)}); the way on is by {ways}"
 

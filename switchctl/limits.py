@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
+from switchctl.validation import GREATEST, listed
 
 NODES = 100_000
-"""A graph that would have more nodes is refused."""
+"""A graph that would have more nodes is refused .."""
+USES = 2_000_000
+""".. or whose nodes would remember more uses of a budget in all."""
 
 
 class TooManyNodes(ValueError):
@@ -102,8 +105,13 @@ def find(modes: ModeSet, mode: Any, name: str) -> int:
     """Index of a mode that a rule names."""
     try:
         return modes.index(mode)
-    except LookupError as error:
+    except (LookupError, TypeError) as error:
         raise type(error)(f"{name}: {error.args[0]}") from None
+
+
+def indices(modes: ModeSet, sequence: Any, name: str) -> list[int]:
+    """Indices of a sequence of modes, given by index or by name."""
+    return [find(modes, mode, f"{name}[{k}]") for k, mode in enumerate(listed(sequence, name, "modes"))]
 
 
 def _by_mode(
@@ -147,6 +155,8 @@ class _Steps:
         if not self.seconds or math.isinf(time):
             return time
         steps = time / self.dt
+        if steps > GREATEST:
+            raise ValueError(f"a time of {time:g} s is more than {GREATEST} steps of {self.dt:g} s; leave it out")
         return float(round(steps)) if abs(steps - round(steps)) <= 1e-9 * max(1.0, steps) else steps
 
     def up(self, time: float) -> int:

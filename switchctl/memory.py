@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.limits import NODES, Limits, TooManyNodes
+from switchctl.limits import NODES, USES, Limits, TooManyNodes
+
+_NODES, _USES = f"has more than {NODES:,} nodes", f"remembers more than {USES:,} uses in the budget's window"
 
 Automaton = Mapping[tuple[Hashable, int], Hashable]
 """The place that follows a place in a mode, for each move allowed."""
@@ -52,6 +54,8 @@ class Memory:
                 last, age = mode, min(held, self.cap[mode])
             if limits.use is not None and limits.window is not None:
                 past = range(min(held, limits.window - 1), 0, -1)
+                if limits.use[mode] and len(past) > USES:
+                    raise TooManyNodes(_USES)
                 used = tuple((ago, limits.use[mode]) for ago in past if limits.use[mode])
         self.first = State(place, 0, last, age, 0, used)
 
@@ -124,13 +128,16 @@ def explore(memory: Memory) -> tuple[NDArray[np.intp], list[State]]:
     m = len(memory.limits.min_dwell)
     states, place = [memory.first], {memory.first: 0}
     rows: list[list[int]] = []
+    windowed = memory.limits.window is not None
+    uses = len(memory.first.used) if windowed else 0
     while len(rows) < len(states):
         row = []
         for mode in range(m):
             head = memory.after(states[len(rows)], mode)
             if head is not None and head not in place:
-                if len(states) == NODES:
-                    raise TooManyNodes
+                uses += len(head.used) if windowed else 0
+                if len(states) == NODES or uses > USES:
+                    raise TooManyNodes(_NODES if uses <= USES else _USES)
                 place[head] = len(states)
                 states.append(head)
             row.append(-1 if head is None else place[head])

@@ -8,14 +8,16 @@ from control import ControlDimension
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
-from switchctl.methods.base import initial_state
+from switchctl.methods.base import initial_state, require_method, require_target, started
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor
 from switchctl.result import Schedule
 from switchctl.rules import Rules
-from switchctl.validation import positive_semidefinite, real_array, whole_number
+from switchctl.validation import positive_semidefinite, real_array, require_memory, whole_number
 from switchctl.values import require_criterion
+
+_BYTES = 32  # a step: its mode, in a list and an array, its W2 and its cost
 
 
 def schedule(
@@ -82,9 +84,9 @@ def schedule(
     (Switch(step=10, before=1, after=0),)
     """
     x0 = initial_state(modes, x0)
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {method!r}")
+    require_method(method)
     steps = None if steps is None else whole_number(steps, "steps")
+    require_memory(_BYTES * (steps or 0), f"a schedule of {steps} steps", "ask for fewer steps")
     graph, M = graph_under(modes, rules), None
     if target is not None:
         _check_target(modes, method, target, steps, terminal)
@@ -97,7 +99,7 @@ def schedule(
         require_criterion(modes)
     else:
         M = _terminal(modes, terminal, steps)
-    scheduler = method.start(graph)
+    scheduler = started(method, graph)
     scheduler.steps, scheduler.initial, scheduler.terminal = steps, x0.second_moment, M
     scheduler.target = target
     sequence, lengthened, F, status = predict(scheduler, moment_factor(x0.mean, x0.cov), steps)
@@ -131,16 +133,11 @@ def _period(sequence: list[int]) -> tuple[int, ...]:
 
 
 def _check_target(modes: ModeSet, method: Method, target: Any, steps: int | None, terminal: Any) -> None:
-    if not isinstance(target, Gaussian):
-        raise TypeError(f"target must be a Gaussian, not a {type(target).__name__}; for a point, x0.about(point)")
+    require_target(modes, target)
     if not method.evaluates:
         raise ValueError(
             f"{method!r} needs costs that are linear in the second moment, and the distance to a Gaussian target is "
             "not; use RecedingHorizon, or the second-moment distance to the target's mean, x0.about(target.mean)"
-        )
-    if target.mean.shape != (modes.plant_states,):
-        raise ControlDimension(
-            f"target has a mean of shape {target.mean.shape}; the plant has {modes.plant_states} states"
         )
     if steps is None:
         raise ValueError("target is for a run that ends; say when, steps=N")

@@ -17,6 +17,9 @@ Frozen = TypeVar("Frozen", bound=np.ndarray)
 GREATEST = 2**53
 """Whole numbers up to this one are told apart in floating point; a greater one is refused."""
 
+MEMORY = 2e9
+"""Bytes that one array or list may take."""
+
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
     """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
@@ -117,7 +120,7 @@ def _scalar(value: Any) -> Any:
     return value[()] if type(value) is np.ndarray and value.ndim == 0 else value
 
 
-def listed(value: Any, name: str, what: str, most: int = 10**8) -> list[Any]:
+def listed(value: Any, name: str, what: str, most: int = 10**7) -> list[Any]:
     """The entries of a sequence, or of anything else that has an order and an end."""
     unordered = isinstance(value, str | bytes | Mapping | Set) or issparse(value) or not isinstance(value, Iterable)
     if unordered or (isinstance(value, np.ndarray) and value.ndim == 0):
@@ -126,6 +129,12 @@ def listed(value: Any, name: str, what: str, most: int = 10**8) -> list[Any]:
     if len(entries) > most:
         raise ValueError(f"{name} has more than {most:,} entries, the most there may be")
     return entries
+
+
+def require_memory(size: float, what: str, instead: str) -> None:
+    """Refuse what would take more than `MEMORY`, before it takes any."""
+    if size > MEMORY:
+        raise ValueError(f"{what} would take {size:.3g} bytes, and at most {MEMORY:.0e} are allowed; {instead}")
 
 
 def sampling_period(dt: Any, name: str = "dt") -> float | bool:

@@ -4,6 +4,7 @@ With the discount g (1 for a total or an average), ``V(S) = tr(P S) + c`` after 
 ``tr((Q_i + g A_i' P A_i) S) + r_i + g (c + tr(P W_i))`` before it: W_i is the process noise, r_i the constant cost.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,13 @@ def before_step(graph: SwitchingGraph, mode: int, value: Value) -> Value:
     """What a step in a mode and then something of known value cost, after the switch to the mode."""
     modes = graph.modes
     paid = float(graph.price[mode] + modes.offset[mode]) - value.rate
-    P = modes.Q[mode] + modes.discount * transform(modes.A[mode], value.P)
+    with np.errstate(over="ignore", invalid="ignore"):
+        P = modes.Q[mode] + modes.discount * transform(modes.A[mode], value.P)
+    if not np.isfinite(P).all():
+        raise FloatingPointError(
+            f"a step of mode {modes.names[mode]!r} and what follows it cost more than the floating-point range holds "
+            f"(greatest entry {np.abs(modes.A[mode]).max():.3g}); scale the states, or leave that mode out"
+        )
     return Value(P, paid + modes.discount * (value.constant + float(np.sum(value.P * modes.W[mode]))), value.rate)
 
 
@@ -124,7 +131,11 @@ def cost_of(modes: ModeSet, value: Value, S: Array) -> float:
     """A value for a moment in the unit of `Schedule.cost`: an average per step, or else dk times the sum."""
     if modes.cost == "average":
         return value.rate
-    return float(modes.dk * (np.sum(value.P * S) + value.constant))
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = float(modes.dk * (np.sum(value.P * S) + value.constant))
+    if not math.isfinite(cost):
+        raise FloatingPointError("a cost exceeds the floating-point range; scale the state or the weights")
+    return cost
 
 
 def require_criterion(modes: ModeSet) -> None:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from switchctl.continuation import Continuations, Plan, wander
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.limits import find, indices
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array, second_moment, svec
-from switchctl.validation import positive_semidefinite, real_array, symmetric, whole_number
+from switchctl.validation import positive_semidefinite, real_array, shown, symmetric, whole_number
 
 
 class InfiniteCostError(ValueError):
@@ -45,12 +46,19 @@ def least_cost(costs: Array, allowed: NDArray[np.bool_] | None = None) -> int:
     ------
     FloatingPointError
         If the cost of an allowed candidate is not finite.
+    TypeError, ValueError
+        If costs are no row of numbers, or none may be chosen.
 
     Examples
     --------
     >>> least_cost(np.array([2.0, 1.0, 1.0 - 1e-15]))
     1
     """
+    costs = np.asarray(costs)
+    if costs.ndim != 1 or costs.dtype.kind not in "biuf":
+        raise TypeError(f"costs must be a row of real numbers, one a candidate, not {shown(costs)}")
+    if allowed is not None and (np.shape(allowed) != costs.shape or np.asarray(allowed).dtype != bool):
+        raise ValueError(f"allowed must hold {len(costs)} booleans, one a candidate, not {shown(allowed)}")
     best, best_cost = -1, 0.0
     for position, cost in enumerate(costs.tolist()):
         if allowed is not None and not allowed[position]:
@@ -62,6 +70,8 @@ def least_cost(costs: Array, allowed: NDArray[np.bool_] | None = None) -> int:
             )
         if best < 0 or cost < best_cost * (1 - TIE):
             best, best_cost = position, cost
+    if best < 0:
+        raise ValueError("costs has no candidate that is allowed; there must be one to choose")
     return best
 
 
@@ -148,7 +158,8 @@ class Scheduler(ABC):
         sequence : sequence of int
             The modes taken.
         """
-        self.node, self.last = int(self.graph.walk(sequence)[-1]), sequence[-1]
+        modes = indices(self.modes, sequence, "sequence")
+        self.node, self.last = int(self.graph.walk(modes)[-1]), modes[-1] if modes else -1
 
     def forget(self) -> None:  # noqa: B027  a scheduler without memory has nothing to forget
         """Forget what the method itself remembers; `reset` calls it."""
@@ -172,8 +183,13 @@ class Scheduler(ABC):
                 f"memory begins with {node}, {last}; expected a node below {len(self.graph)} and a mode, counted from "
                 f"1, up to {len(self.modes)}"
             )
+        before = self.node, self.last, self.interrupted
         self.node, self.last, self.interrupted = node, last - 1, False
-        self.recall(entries[2:])
+        try:
+            self.recall(entries[2:])
+        except Exception:
+            self.node, self.last, self.interrupted = before
+            raise
 
     def remembered(self) -> Sequence[float]:
         """What the method itself remembers, for `memory`: as many numbers at each sample, all zero before the first.
@@ -194,14 +210,24 @@ class Scheduler(ABC):
             )
         return ()
 
-    def recall(self, values: Sequence[float]) -> None:  # noqa: B027  a scheduler without memory has none to recall
+    def recall(self, values: Sequence[float]) -> None:
         """Take up what the method itself `remembered`, after `node` and `last`.
 
         Parameters
         ----------
         values : sequence of float
             The numbers.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it has not remembered such numbers; it stays as it is then.
         """
+        self._numbers(values)
+
+    def _numbers(self, values: Any) -> list[float]:
+        """What is to be recalled, checked to be as many numbers as are remembered."""
+        return real_array(values, "values", (len(self.remembered()),)).tolist()
 
     @property
     def allowed(self) -> NDArray[np.bool_]:
@@ -229,9 +255,28 @@ class Scheduler(ABC):
         Raises
         ------
         ValueError
-            If `decide` chose a mode that the rules don't allow.
+            If S is no second moment, or `decide` chose a mode that is not there or that the rules don't allow.
+        TypeError
+            If S doesn't hold real numbers, or `decide` returned no index.
         """
-        mode = self.modes.index(self.decide(S))
+        return self.take(positive_semidefinite(self._moment(S), "S"))
+
+    def take(self, S: Array) -> int:
+        """Do as `choose` does, for a second moment that has been checked.
+
+        Parameters
+        ----------
+        S : array, shape (n, n)
+            The current second moment.
+
+        Returns
+        -------
+        int
+            Index of the mode.
+        """
+        mode = find(self.modes, chosen := self.decide(S), f"{type(self).__name__}.decide")
+        if mode != chosen and not isinstance(chosen, str):
+            raise IndexError(f"{type(self).__name__}.decide returned {chosen}; modes are counted from 0")
         head = int(self.graph.successor[self.node, mode])
         if head < 0:
             raise ValueError(f"{type(self).__name__} chose against the rules: {self.graph.refusal(self.node, mode)}")
@@ -251,7 +296,14 @@ class Scheduler(ABC):
         lead, word : tuples of int
             The modes taken once, and those repeated for ever after. Unless a method knows better: without rules the
             last mode, held; under rules the cheapest way on.
+
+        Raises
+        ------
+        ValueError
+            If no step has been taken.
         """
+        if self.last < 0:
+            raise ValueError("no step has been taken, so nothing follows the last one; call tail after step")
         if self.graph.free and self.graph.price[self.last] == 0:
             return (), (self.last,)
         held = np.isinf(self.graph.holds[self.node, self.last])
@@ -272,7 +324,11 @@ class Scheduler(ABC):
         numbers, rows, constants = self.continuations.table(self.node)
         if not numbers:
             return None
-        return self.continuations.path(self.node, numbers[least_cost(rows @ svec(S) + constants)])
+        return self.continuations.path(self.node, numbers[least_cost(rows @ svec(self._moment(S)) + constants)])
+
+    def _moment(self, S: Any) -> Array:
+        """A second moment that was handed in, checked to be finite and of the modes' dimension."""
+        return real_array(S, "S", self.modes.A.shape[1:])
 
     def step(self, mean: Any, cov: Any = None) -> int:
         """Choose the mode for the coming sample, from the state's mean and covariance; call it once a sample.
@@ -303,7 +359,7 @@ class Scheduler(ABC):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
                 raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
-            interrupted, mode = self.interrupted, self.choose(S)
+            interrupted, mode = self.interrupted, self.take(S)
         if self.interrupted and not interrupted:
             raise KeyboardInterrupt  # the loop that calls is meant, not the search alone
         return mode
@@ -378,6 +434,30 @@ class Method(ABC):
         return f"{type(self).__name__}({', '.join(told)})"
 
 
+def require_method(method: Any) -> None:
+    """Refuse what is no `Method`."""
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {shown(method)}")
+
+
+def started(method: Method, graph: SwitchingGraph) -> Scheduler:
+    """The running scheduler of a method, checked to be one."""
+    scheduler = method.start(graph)
+    if not isinstance(scheduler, Scheduler):
+        raise TypeError(f"{type(method).__name__}.start must return a Scheduler, not {shown(scheduler)}")
+    return scheduler
+
+
+def require_target(modes: ModeSet, target: Any) -> None:
+    """Refuse what is no distribution of the plant's state."""
+    if not isinstance(target, Gaussian):
+        raise TypeError(f"target must be a Gaussian, not a {type(target).__name__}; for a point, x0.about(point)")
+    if target.mean.shape != (modes.plant_states,):
+        raise ControlDimension(
+            f"target has a mean of shape {target.mean.shape}; the plant has {modes.plant_states} states"
+        )
+
+
 def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
     """The Gaussian of all states at the start, from that or from the plant's alone."""
     require_modes(modes)
@@ -386,6 +466,12 @@ def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
             f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
         )
     n, p, M = modes.A.shape[-1], modes.plant_states, modes.initial
+    with np.errstate(over="ignore", under="ignore"):
+        size = np.sum(x0.mean**2) + np.trace(x0.cov, axis1=-2, axis2=-1).sum()
+    if not np.isfinite(size):
+        raise FloatingPointError("the second moment of x0 exceeds the floating-point range; scale the state")
+    if size < np.finfo(float).tiny and (x0.mean.any() or x0.cov.any()):
+        raise FloatingPointError("the second moment of x0 is lost below the floating-point range; scale the state")
     if x0.mean.shape == (n,):
         return x0
     if x0.mean.shape == (p,):

@@ -11,6 +11,7 @@ from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler, initial_state, least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
+from switchctl.validation import shown
 from switchctl.values import cost_of, require_criterion
 
 
@@ -23,6 +24,15 @@ class Constant(Method):
     mode : int, str or Mode
         Its index or name, or the mode itself.
 
+    Raises
+    ------
+    TypeError
+        If it is none of these.
+    KeyError, IndexError
+        From `start` and `schedule`, if there is no such mode.
+    ValueError
+        From `start` and `schedule`, if the rules never let it be held for ever.
+
     Examples
     --------
     >>> modes = ModeSet([[[0.5]], [[0.9]]])
@@ -34,8 +44,10 @@ class Constant(Method):
     evaluates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if isinstance(self.mode, Mode):
-            object.__setattr__(self, "mode", self.mode.name)
+        mode = self.mode.name if isinstance(self.mode, Mode) else self.mode
+        if isinstance(mode, bool) or not isinstance(mode, (str, int, np.integer)):
+            raise TypeError(f"mode must be the index or the name of a mode, or the mode itself, not {shown(mode)}")
+        object.__setattr__(self, "mode", mode if isinstance(mode, str) else int(mode))
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)

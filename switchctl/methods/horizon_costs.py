@@ -14,6 +14,7 @@ from switchctl.gramians import Block, affine_gramians, transform
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array
+from switchctl.validation import require_memory
 from switchctl.values import Value, switched
 
 _TABLES = 1024
@@ -99,6 +100,9 @@ class HorizonCosts:
         if T == math.inf:
             raise ValueError("a target needs a finite horizon: the distance to it doesn't add up to a finite cost")
         graph, found = self.graph, []
+        n, m = graph.modes.A.shape[-1], len(graph.modes)
+        size = 8.0 * m * (T + 1) * (n * (n + 1) + 2)
+        require_memory(size, f"the plans over a horizon of {T} steps", "with a target choose a shorter horizon")
         for i, h, j in self._holds(node, int(T)):
             then = int(graph.walk([i] * h, node)[-1])
             found.append([i] * h + ([] if j is None else [j] * int(min(graph.holds[then, j], T + 1 - h))))
@@ -130,6 +134,6 @@ class HorizonCosts:
         if not np.isfinite(P).all():
             raise ValueError(
                 f"the cost of mode {modes.names[mode]!r} over a horizon of {steps - 1} steps exceeds the "
-                f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter horizon"
+                f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter horizon, or leave that mode out"
             )
         return Value(P, paid)

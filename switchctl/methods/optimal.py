@@ -204,8 +204,11 @@ class _OptimalScheduler(PlanningScheduler):
             return self._any(S)
         if self.initial is not None:
             S = self.initial
-        if not np.isfinite(np.sum(S**2) ** 2):
-            raise FloatingPointError("the second moment is too great to be searched with; scale the state")
+        with np.errstate(over="ignore"):
+            size = float(np.sum(S**2) ** 2)
+        if not size < math.inf or (size == 0 and S.any()):
+            what = "small" if size == 0 else "great"
+            raise FloatingPointError(f"the second moment is too {what} to be searched with; scale the state")
         begun = time.perf_counter()
         self.S, self.deadline = S, begun + self.settings.time_limit
         self.refining = 0.0  # seconds

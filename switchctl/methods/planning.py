@@ -11,6 +11,7 @@ from switchctl.continuation import Plan, shortest
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.base import Scheduler
 from switchctl.moments import Array, moment_maps, svec
+from switchctl.validation import positive_semidefinite, whole_number
 from switchctl.values import Value
 
 _PLANS = 8  # that a scheduler keeps
@@ -38,7 +39,15 @@ class StepCosts:
 
     def __init__(self, graph: SwitchingGraph) -> None:
         modes = graph.modes
-        self.maps = modes.discount * _affine(moment_maps(modes.A), svec(modes.W))
+        with np.errstate(over="ignore"):
+            maps = moment_maps(modes.A)
+        if not np.isfinite(maps).all():
+            great = modes.names[int((~np.isfinite(maps)).any(axis=(1, 2)).argmax())]
+            raise FloatingPointError(
+                f"a step of mode {great!r} takes second moments beyond the floating-point range (greatest entry "
+                f"{np.abs(modes[great].A).max():.3g}); scale the states, or leave that mode out"
+            )
+        self.maps = modes.discount * _affine(maps, svec(modes.W))
         self.stages = np.column_stack([svec(modes.Q), graph.price + modes.offset])
         self.distance = np.append(svec(modes.distance), 0.0)
         self.fixed, self.by_w2 = graph.switch_cost / modes.dk, graph.switch_cost_per_w2 / modes.dk
@@ -137,22 +146,22 @@ class PlanningScheduler(Scheduler):
         return self.k, *self.first[np.tril_indices(len(self.first))].tolist()
 
     def recall(self, values: Sequence[float]) -> None:  # noqa: D102
-        self.k = int(values[0])
-        lower = np.zeros_like(self.first)
-        lower[np.tril_indices(len(lower))] = values[1:]
-        self.first = lower + np.tril(lower, -1).T
-        self.plan = self._planned() if self.k else None
+        k, *entries = self._numbers(values)
+        lower, steps = np.zeros_like(self.first), whole_number(k, "values[0]", 0)
+        lower[np.tril_indices(len(lower))] = entries
+        first = positive_semidefinite(lower + np.tril(lower, -1).T, "the second moment in values")
+        self.plan, self.k, self.first = self._planned(first) if steps else None, steps, first
         if self.interrupted:
             raise KeyboardInterrupt  # a part of a search is not the plan that was followed
 
-    def _planned(self) -> Plan:
-        """The plan for `first`, made once: whoever takes the scheduler back and forth must not wait for it again."""
-        key = self.first.tobytes()
+    def _planned(self, first: Array) -> Plan:
+        """The plan for a moment, made once: whoever takes the scheduler back and forth must not wait for it again."""
+        key = first.tobytes()
         if key in self.plans:
             return self.plans[key]
         node, self.node = self.node, 0
         try:
-            plan = self.search(self.first)
+            plan = self.search(first)
         finally:
             self.node = node
         if not self.interrupted:
@@ -165,14 +174,15 @@ class PlanningScheduler(Scheduler):
 
     def decide(self, S: Array) -> int:  # noqa: D102
         if self.plan is None:
-            self.first = (S + S.T) / 2 + 0.0  # without signed zeros, so that numbers tell it to the bit
-            self.plan = self._planned()
+            first = (S + S.T) / 2 + 0.0  # without signed zeros, so that numbers tell it to the bit
+            self.plan, self.first = self._planned(first), first
         lead, word = self.plan
         k, self.k = self.k, self.k + 1
         return lead[k] if k < len(lead) else word[(k - len(lead)) % len(word)]
 
     def tail(self, S: Array) -> Plan:  # noqa: D102
-        assert self.plan is not None  # a schedule has a step
+        if self.plan is None:
+            raise ValueError("no step has been taken, so nothing is planned; call tail after step")
         lead, word = self.plan
         if not word:
             return (), ()

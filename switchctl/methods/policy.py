@@ -88,6 +88,7 @@ class _PolicyScheduler(Scheduler):
 
     def tail(self, S: Array) -> Plan:
         """What the value promises: the way on that it is the cost of."""
+        S = self._moment(S)
         forced: list[int] = []
         node, graph = self.node, self.graph
         while node not in self.tables:

@@ -63,7 +63,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
             with np.errstate(over="ignore", invalid="ignore"):
                 if scheduler.target is not None:
                     scheduler.moment_factor = F
-                mode = scheduler.choose(F @ F.T)
+                mode = scheduler.take(F @ F.T)
             if scheduler.lengthened:
                 lengthened.append((k, scheduler.lengthened))
             sequence.append(mode)
@@ -71,7 +71,7 @@ def predict(scheduler: Scheduler, F: Array, steps: int | None) -> Prediction:
                 F = next_factor(modes, before, mode, F)
                 w2, before = np.vdot(F[:plant], F[:plant]), mode
             if not np.isfinite(w2) or (settling and not np.isfinite(F).all()):
-                raise ValueError(overflow(modes, F, k) + f"; ask for at most {k} steps")
+                raise ValueError(overflow(modes, F, k) + (f"; ask for at most {k} steps" if k else ""))
             weight *= modes.discount
             start = max(start, w2) if k < settling else start
             small = small + 1 if w2 <= CONVERGED * start else 0

@@ -99,7 +99,13 @@ class RecedingHorizon(Method):
         Returns
         -------
         int or inf
+
+        Raises
+        ------
+        TypeError, ValueError
+            If j is no whole number from 0, or the callable gives no horizon.
         """
+        j = whole_number(j, "j", 0)
         if callable(self.horizon):
             return _checked(self.horizon(j), f"horizon({j})")
         if isinstance(self.horizon, tuple):
@@ -158,12 +164,19 @@ class _RecedingHorizonScheduler(Scheduler):
         return self.j, len(self.plan), self.last_w2, self.growth
 
     def recall(self, values: Sequence[float]) -> None:
-        self.j = int(values[0])
-        if self.method.decrease is None:
-            self.plan = [int(mode) - 1 for mode in values[1:] if mode]
-        else:
-            self.plan = [self.last] * int(values[1])
-            self.last_w2, self.growth = values[2], values[3]
+        j, *rest = self._numbers(values)
+        updates = whole_number(j, "values[0]", 0)
+        if self.method.decrease is not None:
+            steps = whole_number(rest[0], "values[1]", 0)
+            if steps > _LONGEST or min(rest[1:]) < 0 or (steps and self.last < 0):
+                raise ValueError(f"values are {values}; expected at most {_LONGEST:,} steps left, W2 and its growth")
+            self.j, self.plan, self.last_w2, self.growth = updates, [self.last] * steps, rest[1], rest[2]
+            return
+        coming = [whole_number(mode, f"values[{k}]", 0) for k, mode in enumerate(rest, 1)]
+        plan = [mode - 1 for mode in coming if mode]
+        if max(coming, default=0) > len(self.modes) or any(coming[len(plan) :]):
+            raise ValueError(f"values are {values}; expected the modes to come, counted from 1, and then zeros")
+        self.j, self.plan = updates, plan
 
     def decide(self, S: Array) -> int:
         self.lengthened = 0

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from switchctl.continuation import Plan, lasting
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
+from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler, started
 from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout
@@ -67,7 +67,7 @@ class Refine(Method):
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
         refuse_average(graph.modes, "Refine")
-        return _RefineScheduler(graph, self.base.start(graph))
+        return _RefineScheduler(graph, started(self.base, graph))
 
 
 class _Run(NamedTuple):

@@ -10,6 +10,7 @@ from tqdm import tqdm
 from switchctl.closed_loop import ClosedLoops
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
+from switchctl.methods.base import started
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
@@ -279,7 +280,7 @@ def _decisions(
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as Rollout(), or a Schedule, not {method!r}")
     graph = graph_under(modes, rules)
-    scheduler = method.start(graph)
+    scheduler = started(method, graph)
     scheduler.steps = steps
     return partial(scheduler.step, cov=modes.error_covariance), int(graph.last_mode[0])
 
