@@ -10,7 +10,7 @@ import numpy as np
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Constant, Method, single_mode_costs
-from switchctl.methods.base import initial_state
+from switchctl.methods.base import initial_state, require_method
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, constant_w2
@@ -18,6 +18,7 @@ from switchctl.result import Schedule
 from switchctl.rules import Rules
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
+from switchctl.validation import listed, shown
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -37,11 +38,27 @@ class Comparison:
         The initial state.
     schedules : dict of Schedule
         By label.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If something is of the wrong kind, there is no schedule, or one is of other modes.
     """
 
     modes: ModeSet
     x0: Gaussian
     schedules: dict[str, Schedule]
+
+    def __post_init__(self) -> None:
+        initial_state(self.modes, self.x0)
+        if not isinstance(self.schedules, Mapping) or not self.schedules:
+            raise TypeError(f"schedules must be a dict of at least one schedule, not {shown(self.schedules)}")
+        for label, schedule in self.schedules.items():
+            if not isinstance(label, str) or not isinstance(schedule, Schedule):
+                raise TypeError(f"schedules[{label!r}] is {shown(schedule)}; expected a Schedule under a text")
+            if schedule.modes is not self.modes:
+                raise ValueError(f"schedules[{label!r}] is of other modes; compare schedules of the same")
+        object.__setattr__(self, "schedules", dict(self.schedules))
 
     @property
     def steps(self) -> int:
@@ -205,6 +222,10 @@ def compare(
     """
     if isinstance(methods, Method):
         methods = [methods]
+    if not isinstance(methods, Mapping):
+        methods = listed(methods, "methods", "methods", 1000)
+    for method in methods.values() if isinstance(methods, Mapping) else methods:
+        require_method(method)
     pairs = methods.items() if isinstance(methods, Mapping) else [(repr(method), method) for method in methods]
     labelled = dict(pairs)
     if not labelled:

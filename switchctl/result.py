@@ -17,7 +17,8 @@ from switchctl.continuation import lasting
 from switchctl.files import FormatError, check_seal, read_document, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
-from switchctl.methods.base import initial_state
+from switchctl.limits import indices
+from switchctl.methods.base import initial_state, require_target
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
@@ -26,7 +27,7 @@ from switchctl.result_text import facts, heading
 from switchctl.switches import Switch, switches_of
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
-from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
+from switchctl.validation import frozen, listed, number, positive_semidefinite, real_array, shown, whole_number
 from switchctl.values import require_criterion
 
 if TYPE_CHECKING:
@@ -70,7 +71,9 @@ class Schedule:
     Raises
     ------
     ValueError
-        If the sequence is empty, or it or what follows it is against the rules.
+        If the sequence is empty, it or what follows it is against the rules, or the lower bound is above the cost.
+    TypeError, KeyError, IndexError
+        If something is of the wrong kind, or there is no such mode.
 
     Notes
     -----
@@ -106,11 +109,17 @@ class Schedule:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", initial_state(self.modes, self.x0))
-        sequence = np.array([self.modes.index(mode) for mode in self.sequence], dtype=np.intp)
+        sequence = np.array(indices(self.modes, self.sequence, "sequence"), dtype=np.intp)
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
-        tail = tuple(self.modes.index(mode) for mode in self.tail)
+        tail = tuple(indices(self.modes, self.tail, "tail"))
+        for name in ("method", "status"):
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"{name} must be a text, not {shown(getattr(self, name))}")
+        if not isinstance(self.statistics, Mapping):
+            raise TypeError(f"statistics must be a dict, not {shown(self.statistics)}")
         if self.target is not None:
+            require_target(self.modes, self.target)
             if tail or self.lead or self.terminal is not None:
                 raise ValueError(
                     "a schedule with a target ends after its steps; it has no tail, no lead, no terminal weight"
@@ -126,9 +135,11 @@ class Schedule:
             object.__setattr__(self, "lower_bound", number(self.lower_bound, "lower_bound"))
         if self.graph is None:
             object.__setattr__(self, "graph", SwitchingGraph(self.modes))
+        elif not isinstance(self.graph, SwitchingGraph):
+            raise TypeError(f"graph must be a SwitchingGraph(modes, rules), not {shown(self.graph)}")
         elif self.graph.modes is not self.modes:
             raise ValueError("graph is of other modes; give the schedule that graph's .modes")
-        lead = tuple(self.modes.index(mode) for mode in self.lead)
+        lead = tuple(indices(self.modes, self.lead, "lead"))
         if not self.graph.free:
             last = int(self.graph.walk([*sequence.tolist(), *lead])[-1])
             if tail and not lasting(self.graph, tail)[last]:
@@ -138,13 +149,9 @@ class Schedule:
         object.__setattr__(self, "lead", lead)
         object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
         object.__setattr__(self, "tail", tail)
-        object.__setattr__(
-            self,
-            "lengthened",
-            tuple(
-                (whole_number(k, "lengthened", 0), whole_number(added, "lengthened", 0)) for k, added in self.lengthened
-            ),
-        )
+        object.__setattr__(self, "lengthened", tuple(map(_pair, listed(self.lengthened, "lengthened", "pairs"))))
+        if self.lower_bound is not None and self.lower_bound > self.cost * (1 + 1e-9):
+            raise ValueError(f"lower_bound is {self.lower_bound}, above the schedule's own cost {self.cost}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         rest = (self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened, self.lead)
@@ -240,9 +247,11 @@ class Schedule:
     @cached_property
     def cost(self) -> float:
         """``dk * sum_k tr(Q S_k)`` to the end of time, with switches and prices (see Notes for the convention)."""
-        cost = float(sum(self.cost_parts))
-        if np.isnan(cost):
-            raise FloatingPointError("the cost exceeds the floating-point range; scale the weights")
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps, after = self._parts
+            cost = float(sum(self.cost_parts))
+        if np.isnan(cost) or not np.isfinite(steps).all() or (np.isinf(cost) and np.isfinite(after).all()):
+            raise FloatingPointError("the cost exceeds the floating-point range; scale the state or the weights")
         return cost
 
     @property
@@ -395,6 +404,14 @@ class Schedule:
 
     def _repr_html_(self) -> str:
         return html_table(["", ""], facts(self), heading(self))
+
+
+def _pair(given: Any) -> tuple[int, int]:
+    """A lengthened hold: its step, and the steps added."""
+    pair = listed(given, "an entry of lengthened", "two whole numbers")
+    if len(pair) != 2:
+        raise ValueError(f"lengthened holds {shown(given)}; expected pairs (step, steps added)")
+    return whole_number(pair[0], "the step in lengthened", 0), whole_number(pair[1], "the steps in lengthened", 0)
 
 
 def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, rest: Any, last: Any) -> Schedule:

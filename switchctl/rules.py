@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from switchctl.validation import number, real_array, whole_number
+from switchctl.validation import number, real_array, shown, whole_number
 
 
 class ContradictionError(ValueError):
@@ -155,8 +155,8 @@ class Rules(_Record):
     time_unit: Literal["step", "s"] = "step"
 
     def __post_init__(self) -> None:
-        if self.time_unit not in ("step", "s"):
-            raise ValueError(f"time_unit is {self.time_unit!r}; expected 'step' or 's'")
+        if not isinstance(self.time_unit, str) or self.time_unit not in ("step", "s"):
+            raise ValueError(f"time_unit is {shown(self.time_unit)}; expected 'step' or 's'")
         values: dict[str, Any] = {
             "max_dwell": _per_mode(self.max_dwell, "max_dwell", partial(self._time, endless=True)),
             "switch_cost": _number_or_matrix(self.switch_cost, "switch_cost"),
@@ -201,7 +201,7 @@ class Rules(_Record):
         return seconds
 
     def _start(self) -> tuple[Any, float]:
-        if isinstance(self.start, str) or not isinstance(self.start, Sequence) or len(self.start) != 2:
+        if isinstance(self.start, str | bytes) or not isinstance(self.start, Sequence) or len(self.start) != 2:
             raise TypeError(f"start must be a pair (mode, age), not {self.start!r}")
         return _mode(self.start[0], "start"), self._time(self.start[1], "the age in start")
 

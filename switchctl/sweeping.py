@@ -15,10 +15,12 @@ from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
-from switchctl.validation import frozen
+from switchctl.validation import frozen, listed
 
 if TYPE_CHECKING:
     from control import ControlPlot
+
+_MOST = 1000  # settings of one kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +124,11 @@ def sweep(
     T = 20  16.2132   14.776
     best single mode: calm, 19.8952
     """
-    for name, values in (("horizons", horizons), ("holds", holds)):
-        if isinstance(values, str) or not isinstance(values, Iterable):
-            raise TypeError(f"{name} must be a sequence of settings to try, not {values!r}")
     x0 = initial_state(modes, x0)
-    horizons, holds = tuple(horizons), tuple(holds)
-    settings = [[RecedingHorizon(T, hold, decrease) for hold in holds] for T in horizons]
-    if not settings or not settings[0]:
+    tried = listed(horizons, "horizons", "settings to try", _MOST), listed(holds, "holds", "settings to try", _MOST)
+    if not all(tried):
         raise ValueError("horizons and holds must each hold at least one setting")
+    settings = [[RecedingHorizon(T, hold, decrease) for hold in tried[1]] for T in tried[0]]
     best = best_single_mode(modes, x0)
     cost = np.full((len(settings), len(settings[0])), np.nan)
     try:
@@ -145,4 +144,5 @@ def sweep(
         if np.isnan(cost).all():
             raise
     best_cost = float(single_mode_costs(modes, x0)[best.index])
-    return Sweep(horizons, holds, frozen(cost), best, best_cost)
+    told: Any = tuple(row[0].horizon for row in settings), tuple(method.hold for method in settings[0])
+    return Sweep(*told, frozen(cost), best, best_cost)

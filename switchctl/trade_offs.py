@@ -11,13 +11,14 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.limits import TooManyNodes
 from switchctl.methods import Method, Refine
-from switchctl.methods.base import InfiniteCostError, initial_state
+from switchctl.methods.base import InfiniteCostError, initial_state, require_method
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule
 from switchctl.rules import ContradictionError, Rules
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
+from switchctl.validation import listed, number, shown, whole_number
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -172,6 +173,7 @@ def trade_off(
     if rules is not None and not isinstance(rules, Rules):
         raise TypeError(f"rules must be Rules(..), of which one is varied, not a {type(rules).__name__}")
     rules, method = Rules() if rules is None else rules, Refine() if method is None else method
+    require_method(method)
     told = _values(modes, x0, rules, over, values, method)
     found: list[Schedule | None] = []
     best: list[Schedule | None] | None = None
@@ -190,16 +192,16 @@ def trade_off(
 def _values(
     modes: ModeSet, x0: Gaussian, rules: Rules, over: str, values: Iterable[float] | None, method: Method
 ) -> list[float]:
-    if over not in ("switch_cost", "min_dwell", "budget"):
-        raise ValueError(f"over is {over!r}; expected 'switch_cost', 'min_dwell' or 'budget'")
+    if not isinstance(over, str) or over not in ("switch_cost", "min_dwell", "budget"):
+        raise ValueError(f"over is {shown(over)}; expected 'switch_cost', 'min_dwell' or 'budget'")
     if over == "budget" and rules.budget is None:
         raise ValueError("over is 'budget', but the rules have none; give Rules(budget=Budget(..)) to vary its limit")
     if values is not None:
-        if isinstance(values, str) or not isinstance(values, Iterable):
-            raise TypeError(f"values must be a sequence of settings, not {values!r}")
-        told = list(values)
+        told = [number(value, f"values[{k}]") for k, value in enumerate(listed(values, "values", "settings", 1000))]
         if not told:
             raise ValueError("values is empty; give at least one setting")
+        if over == "min_dwell" and rules.time_unit == "step":
+            return [whole_number(value, f"values[{k}]") for k, value in enumerate(told)]
         return told
     if over == "switch_cost":
         free = schedule(modes, x0, method, rules=replace(rules, switch_cost=0.0))
