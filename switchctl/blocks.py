@@ -9,7 +9,7 @@ import numpy as np
 from switchctl.closed_loop import ClosedLoops
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method, Scheduler
-from switchctl.methods.base import require_method, started
+from switchctl.methods.boundary import require_method, started
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import Rules

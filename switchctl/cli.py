@@ -4,10 +4,11 @@ import argparse
 import io
 import json
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -64,6 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told = error.args[0] if isinstance(error, KeyError) and error.args else error
         print(f"switchctl: error: {' '.join(str(told).split())}", file=sys.stderr)
         return 2
+    except Exception as error:  # of a method in a user's file, as a rule: say where
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        told = f"{frame.filename}, line {frame.lineno}: {type(error).__name__}: {error}"
+        print(f"switchctl: error: {' '.join(told.split())}", file=sys.stderr)
+        return 2
     return 0
 
 
@@ -78,8 +84,15 @@ def _joined(words: Sequence[str]) -> list[str]:
     return joined
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that tells a mistake in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {' '.join(message.split())} (usage: {self.prog} --help)\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="switchctl", description="Decide which controller should act at each sample.", allow_abbrev=False
     )
     parser.add_argument("--version", action="version", version=f"switchctl {__version__}")
@@ -95,7 +108,6 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--time-limit", type=float, metavar="S", help="seconds, default 60 (optimal)")
     run.add_argument(
         "--save",
-        type=Path,
         metavar="DIR",
         help="write schedule.csv, schedule.json, w2.png and area.png there, and with optimal certificate.json",
     )
@@ -108,7 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     page = commands.add_parser("report", help="tell everything known about a model's modes", allow_abbrev=False)
     _system_arguments(page)
     page.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds, default 60")
-    page.add_argument("--save", type=Path, metavar="DIR", help="write report.txt, report.png and certificates there")
+    page.add_argument("--save", metavar="DIR", help="write report.txt, report.png and certificates there")
     page.set_defaults(command=_report)
 
     models = commands.add_parser("models", help="list the bundled models", allow_abbrev=False)
@@ -203,7 +215,8 @@ def _initial_state(asked: argparse.Namespace, model: Model) -> Gaussian:
     if mean is None:
         raise ValueError(f"{asked.model} has no initial state; give --mean (and --cov)")
     if len(mean) != n:
-        raise ValueError(f"--mean has {len(mean)} numbers; expected {n}, one for each state")
+        told = "--mean" if asked.mean is not None else f"the initial state in {asked.model}"
+        raise ValueError(f"{told} has {len(mean)} numbers; expected {n}, one for each state")
     if asked.cov is None:
         return Gaussian(mean, np.zeros((n, n)) if given is None else given.cov)
     sizes: dict[int, Any] = {1: lambda v: np.diag(np.full(n, v[0])), n: np.diag, n * n: lambda v: v.reshape(n, n)}
@@ -216,13 +229,12 @@ def _run(asked: argparse.Namespace) -> bool:
     """Schedule, print and save; False where Ctrl-C cut the schedule short."""
     model = load_model(asked.model)
     method, x0 = _method(asked, model), _initial_state(asked, model)
-    if asked.save:
-        asked.save.mkdir(parents=True, exist_ok=True)
+    folder = _made(asked.save)
     comparison = compare(model.modes, x0, {"schedule": method}, asked.steps, _rules(asked, model))
     (schedule,) = comparison.schedules.values()
-    saved = _save(asked.save, comparison, schedule) if asked.save else []
-    if asked.save and schedule.status in ("optimal", "gap reached"):
-        saved += _certified(schedule, asked.save / "certificate.json")
+    saved = _save(folder, comparison, schedule) if folder else []
+    if folder and schedule.status in ("optimal", "gap reached"):
+        saved += _certified(schedule, folder / "certificate.json")
     best = comparison.single_costs.min()
     if asked.json:
         print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
@@ -234,6 +246,17 @@ def _run(asked: argparse.Namespace) -> bool:
     for path in saved:
         print(f"saved {path}")
     return _whole(comparison)
+
+
+def _made(folder: str | None) -> Path | None:
+    """The folder to save into, made where it isn't there; before the work, so that none is lost."""
+    if folder is None:
+        return None
+    path = Path(folder)
+    if not folder or (path.exists() and not path.is_dir()):
+        raise ValueError(f"--save {folder!r} names no folder; name one that is there or can be made")
+    path.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def _certified(found: Any, path: Path) -> list[Path]:
@@ -264,14 +287,14 @@ def _report(asked: argparse.Namespace) -> bool:
     """Print the report, and save it with a certificate of every guarantee that has one."""
     model = load_model(asked.model)
     x0 = None if asked.mean is None and model.initial_state is None else _initial_state(asked, model)
+    folder = _made(asked.save)
     found = report(model.modes, x0, _rules(asked, model), time_limit=asked.time_limit)
     print(found)
-    if asked.save:
-        asked.save.mkdir(parents=True, exist_ok=True)
-        saved = [write_text(asked.save / "report.txt", f"{found}\n"), asked.save / "report.png"]
+    if folder:
+        saved = [write_text(folder / "report.txt", f"{found}\n"), folder / "report.png"]
         _draw(found.plot, saved[-1])
         for name in ("joint_spectral_radius", "dwell_time", "dwell_times", "average_dwell_time", "switching_help"):
-            saved += _certified(getattr(found, name), asked.save / f"{name}.json")
+            saved += _certified(getattr(found, name), folder / f"{name}.json")
         for path in saved:
             print(f"saved {path}")
     return "not done" not in found.reasons.values()

@@ -10,7 +10,7 @@ import numpy as np
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Constant, Method, single_mode_costs
-from switchctl.methods.base import initial_state, require_method
+from switchctl.methods.boundary import initial_state, require_method
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, constant_w2
@@ -53,10 +53,10 @@ class Comparison:
         initial_state(self.modes, self.x0)
         if not isinstance(self.schedules, Mapping) or not self.schedules:
             raise TypeError(f"schedules must be a dict of at least one schedule, not {shown(self.schedules)}")
-        for label, schedule in self.schedules.items():
-            if not isinstance(label, str) or not isinstance(schedule, Schedule):
-                raise TypeError(f"schedules[{label!r}] is {shown(schedule)}; expected a Schedule under a text")
-            if schedule.modes is not self.modes:
+        for label, result in self.schedules.items():
+            if not isinstance(label, str) or not isinstance(result, Schedule):
+                raise TypeError(f"schedules[{label!r}] is {shown(result)}; expected a Schedule under a text")
+            if result.modes is not self.modes:
                 raise ValueError(f"schedules[{label!r}] is of other modes; compare schedules of the same")
         object.__setattr__(self, "schedules", dict(self.schedules))
 

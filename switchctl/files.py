@@ -16,8 +16,15 @@ class FormatError(ValueError):
     """A file is not what it should be."""
 
 
+def require_path(path: Any) -> None:
+    """Refuse what names no file, such as the number of an open one."""
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        raise TypeError(f"path must be a str or a pathlib.Path that names a file, not {path!r:.50}")
+
+
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
     """Write a file whole or not at all: into a temporary file beside it, then renamed."""
+    require_path(path)
     place = Path(os.path.realpath(path))  # a link stays a link
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {str(place.parent)!r} to write {place.name} into; create it first")
@@ -62,6 +69,7 @@ def write_json(path: str | os.PathLike[str], document: dict[str, Any]) -> Path:
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a JSON object of which no key comes twice."""
+    require_path(path)
     with open(path, "rb") as file:
         content = file.read(LARGEST + 1)
     if len(content) > LARGEST:

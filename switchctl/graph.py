@@ -180,10 +180,8 @@ class SwitchingGraph:
             self._memory = Memory(found, automaton, place)
             successor, states = explore(self._memory)
         except TooManyNodes as error:
-            raise TooManyNodes(
-                f"the graph of {rules!r} {error}, the most there may be; a shorter window or smaller limit, dwell "
-                "times or times of availability in fewer steps, or fewer switches need fewer"
-            ) from None
+            less = "a shorter window, a smaller limit, shorter dwell times or times of availability, or fewer switches"
+            raise TooManyNodes(f"the graph of {rules!r} {error}, the most there may be; give it {less}") from None
         runs = longest_runs(successor)
         if np.isfinite(runs[0]):
             raise ContradictionError(contradiction(modes, rules, automaton, place))
@@ -256,16 +254,16 @@ class SwitchingGraph:
 
         Raises
         ------
-        TypeError, ValueError, IndexError
-            If there is no such node.
+        TypeError, IndexError
+            If there is none.
         """
         return self._memory.label(self._states[self._node(node)], self.modes.names)
 
     def _node(self, node: Any) -> int:
         """The number of a node, checked."""
-        if (number := whole_number(node, "node", 0)) >= len(self):
-            raise IndexError(f"node is {number}; the graph has {len(self)} nodes, counted from 0")
-        return number
+        if (number := whole_number(node, "node", 0)) < len(self):
+            return number
+        raise IndexError(f"node is {number}; the graph has {len(self)} nodes, counted from 0")
 
     def edges(self) -> Iterator[Edge]:
         """Every move, by node and mode.
@@ -299,7 +297,7 @@ class SwitchingGraph:
         ------
         ValueError
             If the rules forbid a step; the message says which.
-        TypeError, KeyError, IndexError
+        TypeError, LookupError
             If there is no such mode or node.
         """
         nodes = [self._node(node)]

@@ -94,7 +94,7 @@ def _call(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
     """Call what a user's file offers; an error says where in the file it arose."""
     try:
         return function(*arguments)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [
             frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == Path(name)
         ]

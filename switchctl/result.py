@@ -18,16 +18,17 @@ from switchctl.files import FormatError, check_seal, read_document, write_docume
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.limits import indices
-from switchctl.methods.base import initial_state, require_target
+from switchctl.methods.boundary import initial_state, require_target
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
 from switchctl.predicted import factors_along, predicted, squared_distances
+from switchctl.result_checks import lengthened_holds, require_kinds
 from switchctl.result_text import facts, heading
 from switchctl.switches import Switch, switches_of
 from switchctl.tables import html_table, tree
 from switchctl.tail_costs import CostParts, tail_parts
-from switchctl.validation import frozen, listed, number, positive_semidefinite, real_array, shown, whole_number
+from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
 from switchctl.values import require_criterion
 
 if TYPE_CHECKING:
@@ -70,10 +71,8 @@ class Schedule:
 
     Raises
     ------
-    ValueError
-        If the sequence is empty, it or what follows it is against the rules, or the lower bound is above the cost.
-    TypeError, KeyError, IndexError
-        If something is of the wrong kind, or there is no such mode.
+    TypeError, ValueError, KeyError, IndexError
+        If something is of the wrong kind, no mode, empty, against the rules, or a lower bound above the cost.
 
     Notes
     -----
@@ -113,11 +112,7 @@ class Schedule:
         if len(sequence) == 0:
             raise ValueError("sequence is empty; a schedule has at least one step")
         tail = tuple(indices(self.modes, self.tail, "tail"))
-        for name in ("method", "status"):
-            if not isinstance(getattr(self, name), str):
-                raise TypeError(f"{name} must be a text, not {shown(getattr(self, name))}")
-        if not isinstance(self.statistics, Mapping):
-            raise TypeError(f"statistics must be a dict, not {shown(self.statistics)}")
+        require_kinds(self)
         if self.target is not None:
             require_target(self.modes, self.target)
             if tail or self.lead or self.terminal is not None:
@@ -135,8 +130,6 @@ class Schedule:
             object.__setattr__(self, "lower_bound", number(self.lower_bound, "lower_bound"))
         if self.graph is None:
             object.__setattr__(self, "graph", SwitchingGraph(self.modes))
-        elif not isinstance(self.graph, SwitchingGraph):
-            raise TypeError(f"graph must be a SwitchingGraph(modes, rules), not {shown(self.graph)}")
         elif self.graph.modes is not self.modes:
             raise ValueError("graph is of other modes; give the schedule that graph's .modes")
         lead = tuple(indices(self.modes, self.lead, "lead"))
@@ -149,9 +142,9 @@ class Schedule:
         object.__setattr__(self, "lead", lead)
         object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
         object.__setattr__(self, "tail", tail)
-        object.__setattr__(self, "lengthened", tuple(map(_pair, listed(self.lengthened, "lengthened", "pairs"))))
+        object.__setattr__(self, "lengthened", lengthened_holds(self.lengthened))
         if self.lower_bound is not None and self.lower_bound > self.cost * (1 + 1e-9):
-            raise ValueError(f"lower_bound is {self.lower_bound}, above the schedule's own cost {self.cost}")
+            raise ValueError(f"the schedule's lower_bound {self.lower_bound} is above its cost {self.cost}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         rest = (self.x0, self.sequence, self.tail, self.method, self.status, self.lengthened, self.lead)
@@ -375,8 +368,6 @@ class Schedule:
         try:
             schedule = cls(*read_schedule(document))
             stored = document["cost"]
-            if schedule.lower_bound is not None and schedule.lower_bound > schedule.cost * (1 + 1e-9):
-                raise ValueError(f"its lower bound {schedule.lower_bound} is above its cost {schedule.cost}")
             if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
                 raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
         except (LookupError, TypeError, ValueError, ArithmeticError) as error:
@@ -404,14 +395,6 @@ class Schedule:
 
     def _repr_html_(self) -> str:
         return html_table(["", ""], facts(self), heading(self))
-
-
-def _pair(given: Any) -> tuple[int, int]:
-    """A lengthened hold: its step, and the steps added."""
-    pair = listed(given, "an entry of lengthened", "two whole numbers")
-    if len(pair) != 2:
-        raise ValueError(f"lengthened holds {shown(given)}; expected pairs (step, steps added)")
-    return whole_number(pair[0], "the step in lengthened", 0), whole_number(pair[1], "the steps in lengthened", 0)
 
 
 def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, rest: Any, last: Any) -> Schedule:

@@ -8,7 +8,7 @@ from control import ControlDimension
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
-from switchctl.methods.base import initial_state, require_method, require_target, started
+from switchctl.methods.boundary import initial_state, require_method, require_target, started
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.methods import RecedingHorizon, best_single_mode, single_mode_costs
-from switchctl.methods.base import initial_state
+from switchctl.methods.boundary import initial_state
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
@@ -144,5 +144,5 @@ def sweep(
         if np.isnan(cost).all():
             raise
     best_cost = float(single_mode_costs(modes, x0)[best.index])
-    told: Any = tuple(row[0].horizon for row in settings), tuple(method.hold for method in settings[0])
-    return Sweep(*told, frozen(cost), best, best_cost)
+    told: Any = tuple(row[0].horizon for row in settings)
+    return Sweep(told, tuple(method.hold for method in settings[0]), frozen(cost), best, best_cost)

@@ -11,7 +11,8 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.limits import TooManyNodes
 from switchctl.methods import Method, Refine
-from switchctl.methods.base import InfiniteCostError, initial_state, require_method
+from switchctl.methods.base import InfiniteCostError
+from switchctl.methods.boundary import initial_state, require_method
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.result import Schedule

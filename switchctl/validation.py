@@ -89,9 +89,7 @@ def shown(value: Any) -> str:
 
 def whole_number(value: Any, name: str, least: int = 1) -> int:
     """Check an integer of at least ``least``."""
-    value = _scalar(value)
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a whole number, not {shown(value)}")
+    value = _real(value, name, "a whole number")
     if not isinstance(value, Integral) and not (abs(value) < math.inf and value % 1 == 0):
         raise ValueError(f"{name} is {value!r}; expected a whole number")
     if value < least:
@@ -103,11 +101,8 @@ def whole_number(value: Any, name: str, least: int = 1) -> int:
 
 def number(value: Any, name: str) -> float:
     """Check a real number that is not NaN."""
-    value = _scalar(value)
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number, not {shown(value)}")
     try:
-        real = float(value)
+        real = float(_real(value, name, "a number"))
     except OverflowError:
         raise ValueError(f"{name} exceeds the floating-point range") from None
     if math.isnan(real):
@@ -115,9 +110,12 @@ def number(value: Any, name: str) -> float:
     return real
 
 
-def _scalar(value: Any) -> Any:
-    """The number that an array without axes holds; anything else as it is."""
-    return value[()] if type(value) is np.ndarray and value.ndim == 0 else value
+def _real(value: Any, name: str, what: str) -> Any:
+    """Check a real number, which may come as an array without axes."""
+    value = value[()] if type(value) is np.ndarray and value.ndim == 0 else value
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be {what}, not {shown(value)}")
+    return value
 
 
 def listed(value: Any, name: str, what: str, most: int = 10**7) -> list[Any]:

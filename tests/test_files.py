@@ -122,7 +122,7 @@ def test_a_file_without_period_and_with_an_infinite_cost(tmp_path):
         (lambda d: d.update(format="switchctl certificate"), "is not a switchctl schedule"),
         (lambda d: d.update(version=99), "has version 99"),
         (lambda d: d.pop("sequence"), "damaged schedule: it lacks 'sequence'"),
-        (lambda d: d["sequence"].__setitem__(0, 7), "damaged schedule: mode 7 is out of range"),
+        (lambda d: d["sequence"].__setitem__(0, 7), r"damaged schedule: sequence\[0\]: mode 7 is out of range"),
         (lambda d: d["A"][0][0].pop(), "damaged schedule"),
         (lambda d: d.update(cost=1.0), "states the cost 1.0"),
         (lambda d: d.update(cost=d["cost"] * (1 + 1e-5)), "states the cost"),

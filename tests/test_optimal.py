@@ -381,6 +381,7 @@ def test_a_file_whose_bound_is_above_its_cost_is_refused(pair, x0, tmp_path):
     path = schedule(pair, x0, Optimal()).save(tmp_path / "schedule.json")
     document = json.loads(path.read_text())
     document["lower_bound"] = 1.1 * document["cost"]
+    document["sha256"] = digest({key: value for key, value in document.items() if key != "sha256"})
     path.write_text(json.dumps(document))
     with pytest.raises(FormatError, match="above its cost"):
         Schedule.load(path)

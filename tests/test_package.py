@@ -40,7 +40,7 @@ ORDER = [
     "controllers",
     "feedback",
     "closed_loop methods",
-    "result result_text",
+    "result_checks result result_text",
     "scheduling blocks",
     "stability",
     "certificates",

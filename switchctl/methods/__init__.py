@@ -1,8 +1,9 @@
 """The methods of scheduling, one a file."""
 
-from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.base import Method, Scheduler
 from switchctl.methods.constant import Constant, best_single_mode, single_mode_costs
 from switchctl.methods.few_switches import FewSwitches
+from switchctl.methods.least import least_cost
 from switchctl.methods.optimal import Optimal, Rung
 from switchctl.methods.pointwise import PointwiseMinimum
 from switchctl.methods.policy import Policy

@@ -1,6 +1,5 @@
 """What a method is: an immutable record of settings that starts a running scheduler."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
@@ -15,64 +14,14 @@ from switchctl.continuation import Continuations, Plan, wander
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.limits import find, indices
-from switchctl.modes import ModeSet, require_modes
+from switchctl.methods.least import least_cost
+from switchctl.modes import ModeSet
 from switchctl.moments import Array, second_moment, svec
-from switchctl.validation import positive_semidefinite, real_array, shown, symmetric, whole_number
+from switchctl.validation import positive_semidefinite, real_array, whole_number
 
 
 class InfiniteCostError(ValueError):
     """No way on costs finitely much, and the method needs one."""
-
-
-TIE = 1e-12
-"""A challenger replaces the best so far only if its cost is below ``best * (1 - TIE)``."""
-
-
-def least_cost(costs: Array, allowed: NDArray[np.bool_] | None = None) -> int:
-    """Position of the least cost; of costs that tie, the first (see `TIE`).
-
-    Parameters
-    ----------
-    costs : array, shape (r,)
-        One cost a candidate, candidates in index order.
-    allowed : bool array, shape (r,), optional
-        Which candidates may be chosen; all by default.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    FloatingPointError
-        If the cost of an allowed candidate is not finite.
-    TypeError, ValueError
-        If costs are no row of numbers, or none may be chosen.
-
-    Examples
-    --------
-    >>> least_cost(np.array([2.0, 1.0, 1.0 - 1e-15]))
-    1
-    """
-    costs = np.asarray(costs)
-    if costs.ndim != 1 or costs.dtype.kind not in "biuf":
-        raise TypeError(f"costs must be a row of real numbers, one a candidate, not {shown(costs)}")
-    if allowed is not None and (np.shape(allowed) != costs.shape or np.asarray(allowed).dtype != bool):
-        raise ValueError(f"allowed must hold {len(costs)} booleans, one a candidate, not {shown(allowed)}")
-    best, best_cost = -1, 0.0
-    for position, cost in enumerate(costs.tolist()):
-        if allowed is not None and not allowed[position]:
-            continue
-        if not math.isfinite(cost):
-            raise FloatingPointError(
-                f"the cost of candidate {position} is {cost}: it exceeds the floating-point range; "
-                "use a shorter horizon or scale the state"
-            )
-        if best < 0 or cost < best_cost * (1 - TIE):
-            best, best_cost = position, cost
-    if best < 0:
-        raise ValueError("costs has no candidate that is allowed; there must be one to choose")
-    return best
 
 
 class Scheduler(ABC):
@@ -432,53 +381,3 @@ class Method(ABC):
         changed = {n: _Shape(v.shape) if isinstance(v, np.ndarray) else v for n, v in changed.items()}
         told = [f"{name}={getattr(value, '__qualname__', repr(value))}" for name, value in changed.items()]
         return f"{type(self).__name__}({', '.join(told)})"
-
-
-def require_method(method: Any) -> None:
-    """Refuse what is no `Method`."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {shown(method)}")
-
-
-def started(method: Method, graph: SwitchingGraph) -> Scheduler:
-    """The running scheduler of a method, checked to be one."""
-    scheduler = method.start(graph)
-    if not isinstance(scheduler, Scheduler):
-        raise TypeError(f"{type(method).__name__}.start must return a Scheduler, not {shown(scheduler)}")
-    return scheduler
-
-
-def require_target(modes: ModeSet, target: Any) -> None:
-    """Refuse what is no distribution of the plant's state."""
-    if not isinstance(target, Gaussian):
-        raise TypeError(f"target must be a Gaussian, not a {type(target).__name__}; for a point, x0.about(point)")
-    if target.mean.shape != (modes.plant_states,):
-        raise ControlDimension(
-            f"target has a mean of shape {target.mean.shape}; the plant has {modes.plant_states} states"
-        )
-
-
-def initial_state(modes: ModeSet, x0: Gaussian) -> Gaussian:
-    """The Gaussian of all states at the start, from that or from the plant's alone."""
-    require_modes(modes)
-    if not isinstance(x0, Gaussian):
-        raise TypeError(
-            f"x0 must be a Gaussian, not a {type(x0).__name__}; a state known exactly has cov = np.zeros((n, n))"
-        )
-    n, p, M = modes.A.shape[-1], modes.plant_states, modes.initial
-    with np.errstate(over="ignore", under="ignore"):
-        size = np.sum(x0.mean**2) + np.trace(x0.cov, axis1=-2, axis2=-1).sum()
-    if not np.isfinite(size):
-        raise FloatingPointError("the second moment of x0 exceeds the floating-point range; scale the state")
-    if size < np.finfo(float).tiny and (x0.mean.any() or x0.cov.any()):
-        raise FloatingPointError("the second moment of x0 is lost below the floating-point range; scale the state")
-    if x0.mean.shape == (n,):
-        return x0
-    if x0.mean.shape == (p,):
-        uncertain = M.copy()
-        uncertain[n - modes.estimate_states :] = 0.0
-        return Gaussian(M @ x0.mean, symmetric(uncertain @ x0.cov @ uncertain.T, "cov"))
-    plant = f", or of the {p} of the plant, so ({p},)" if p < n else ""
-    raise ControlDimension(
-        f"x0 has a mean of shape {x0.mean.shape}; the modes have {n} states, so expected ({n},){plant}"
-    )

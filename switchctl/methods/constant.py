@@ -8,7 +8,9 @@ import numpy as np
 from switchctl.continuation import Continuations, Nodes, Plan, policy_path, way_to_hold
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import Method, Scheduler, initial_state, least_cost
+from switchctl.methods.base import Method, Scheduler
+from switchctl.methods.boundary import initial_state
+from switchctl.methods.least import least_cost
 from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
 from switchctl.validation import shown

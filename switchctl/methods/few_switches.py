@@ -11,7 +11,8 @@ from tqdm import tqdm
 
 from switchctl.continuation import Plan
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
+from switchctl.methods.base import InfiniteCostError, Method, Scheduler
+from switchctl.methods.least import TIE
 from switchctl.methods.orbits import Orbit, held_nodes
 from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import CEILING

@@ -134,6 +134,7 @@ class HorizonCosts:
         if not np.isfinite(P).all():
             raise ValueError(
                 f"the cost of mode {modes.names[mode]!r} over a horizon of {steps - 1} steps exceeds the "
-                f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter horizon, or leave that mode out"
+                f"floating-point range (spectral radius {modes[mode].spectral_radius:.6g}); choose a shorter "
+                "horizon, or leave that mode out"
             )
         return Value(P, paid)

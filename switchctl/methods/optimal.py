@@ -12,7 +12,8 @@ from tqdm import tqdm
 from switchctl.continuation import Plan, shortest, wander
 from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph, graph_under
-from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler
+from switchctl.methods.base import InfiniteCostError, Method, Scheduler
+from switchctl.methods.least import TIE
 from switchctl.methods.planning import PlanningScheduler
 from switchctl.methods.policy import Policy
 from switchctl.methods.prediction import CEILING, CONVERGED, INTERRUPTED

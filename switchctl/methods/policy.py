@@ -6,7 +6,8 @@ import numpy as np
 
 from switchctl.continuation import Plan, shortest
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import Method, Scheduler, least_cost
+from switchctl.methods.base import Method, Scheduler
+from switchctl.methods.least import least_cost
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, Method, Scheduler, least_cost
+from switchctl.methods.base import Method, Scheduler
 from switchctl.methods.horizon_costs import HorizonCosts
+from switchctl.methods.least import TIE, least_cost
 from switchctl.methods.towards import towards
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec

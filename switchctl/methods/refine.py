@@ -12,7 +12,9 @@ from tqdm import tqdm
 
 from switchctl.continuation import Plan, lasting
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import TIE, InfiniteCostError, Method, Scheduler, started
+from switchctl.methods.base import InfiniteCostError, Method, Scheduler
+from switchctl.methods.boundary import started
+from switchctl.methods.least import TIE
 from switchctl.methods.planning import PlanningScheduler, StepCosts
 from switchctl.methods.prediction import INTERRUPTED, predict
 from switchctl.methods.rollout import Rollout

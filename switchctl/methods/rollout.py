@@ -6,8 +6,9 @@ import numpy as np
 
 from switchctl.continuation import Plan, as_rows
 from switchctl.graph import SwitchingGraph, as_graph
-from switchctl.methods.base import InfiniteCostError, Method, Scheduler, least_cost
+from switchctl.methods.base import InfiniteCostError, Method, Scheduler
 from switchctl.methods.constant import require_schur
+from switchctl.methods.least import least_cost
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, svec
 from switchctl.values import require_criterion

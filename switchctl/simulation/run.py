@@ -10,7 +10,7 @@ from tqdm import tqdm
 from switchctl.closed_loop import ClosedLoops
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
-from switchctl.methods.base import started
+from switchctl.methods.boundary import started
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array

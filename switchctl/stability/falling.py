@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from switchctl.graph import SwitchingGraph
-from switchctl.methods.base import TIE
+from switchctl.methods.least import TIE
 from switchctl.moments import Array, svec
 from switchctl.optimum.minorants import below
 from switchctl.optimum.programs import solution

@@ -9,7 +9,7 @@ from tqdm import tqdm
 from switchctl.gaussian import Gaussian
 from switchctl.gramians import tail, transform, word_tail
 from switchctl.graph import SwitchingGraph
-from switchctl.methods.base import initial_state
+from switchctl.methods.boundary import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.methods.optimal import OPTIMAL, Optimal
 from switchctl.modes import ModeSet, require_modes

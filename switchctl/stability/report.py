@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph, graph_under
-from switchctl.methods.base import initial_state
+from switchctl.methods.boundary import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
