@@ -19,6 +19,7 @@ from switchctl.validation import frozen
 Verdict = Literal["stable", "unstable", "undecided"]
 
 _EPS = np.finfo(float).eps
+_LEAST = float(np.finfo(float).tiny)  # what underflows is less
 _FINEST, _COARSER = 1e-13, 4.0  # the gaps tried between a bound and the estimate, as a fraction
 
 
@@ -136,27 +137,25 @@ def growth_rate(of: str, moves: Sequence[Move], nodes: int, noise: tuple[Array, 
     Returns
     -------
     GrowthRate
-
-    Raises
-    ------
-    FloatingPointError
-        If a square of the steps exceeds the floating-point range.
     """
     operator = MomentOperator(moves, nodes)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
-        unit = operator.balance()
-        scaled = operator.rescaled(unit)
+        unit, step = operator.units()
+        scaled = operator.rescaled(unit, step)
         each = np.broadcast_to(np.eye(scaled.n), (nodes, scaled.n, scaled.n))
-        ceiling = float(np.linalg.eigvalsh(scaled.before(each)).max()) * (1 + 1e-9)
-        if not np.isfinite(ceiling):
-            raise FloatingPointError("the square of a step exceeds the floating-point range; scale the states")
-        upper, P = _upper(scaled, each, ceiling)
+        ceiling = float(np.linalg.eigvalsh(scaled.before(each)).max()) * (1 + 1e-9) + _LEAST
+        upper, P = _upper(scaled, each, ceiling) if operator.A.any() else (0.0, np.array(each))
         lower, H, (node, x) = _lower(scaled, each, ceiling)
+        upper, lower = (float(np.ldexp(bound, step)) for bound in (upper, lower))
+        upper = float(np.nextafter(upper, np.inf)) if upper < _LEAST and operator.A.any() else upper
+        lower = float(np.nextafter(lower, 0.0)) if not _LEAST <= lower < np.inf else lower
         stationary = None
         if noise is not None and upper < 1:
             stationary = _stationary(operator, *noise)
-    P, H, x = P / np.outer(unit, unit), H / np.outer(unit, unit), frozen(unit * x)
-    return GrowthRate(of, lower, upper, tuple(moves), frozen(P), frozen(H), (node, x), stationary)
+        middle = (unit.max() + unit.min()) // 2  # of the range of what the witnesses hold
+        P, H = (np.ldexp(X, 2 * middle - unit - unit[:, None]) for X in (P, H))
+        x = np.ldexp(x, unit - middle)
+    return GrowthRate(of, lower, upper, tuple(moves), frozen(P), frozen(H), (node, frozen(x)), stationary)
 
 
 def transient(moves: Sequence[Move], nodes: int, rate: float) -> float:
@@ -188,8 +187,6 @@ def transient(moves: Sequence[Move], nodes: int, rate: float) -> float:
 
 def _upper(operator: MomentOperator, each: Array, ceiling: float) -> tuple[float, Array]:
     """The least of some numbers for which ``(g - T*) P = R`` has a positive definite solution, for an R above zero."""
-    if ceiling == 0:
-        return 0.0, np.array(each)
     for g in _above(operator.radius, ceiling):
         R = each
         for _ in range(2):
@@ -258,7 +255,8 @@ def rises(operator: MomentOperator, H: Array, g: float) -> bool:
 
 def _rounding(operator: MomentOperator, P: Array, g: float) -> Array:
     """What ``g P - T* P`` may be wrong by, entry by entry, with room for a bound's square that is rounded too."""
-    return (2 * operator.n + len(operator.tails) + 16) * _EPS * (operator.size(P) + g * np.abs(P))
+    terms = 2 * operator.n + len(operator.tails) + 16
+    return terms * _EPS * (operator.size(P) + g * np.abs(P)) + terms * operator.n * _LEAST
 
 
 def definite(X: Array, wrong: Array) -> bool:

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack, matrix_balance, schur, solve_triangular
 from scipy.sparse.linalg import LinearOperator, eigs
 
@@ -61,16 +62,22 @@ class MomentOperator:
         self.A = np.array([move.A for move in moves])
         self.n = self.A.shape[-1]
 
-    def rescaled(self, unit: Array) -> "MomentOperator":
-        """The same in other units of the states, powers of two, in which they are ``x / unit``: without rounding."""
-        moves = zip(self.tails, self.heads, self.weights, self.A * unit / unit[:, None], strict=True)
-        return MomentOperator([Move(int(t), int(h), -1, float(w), A) for t, h, w, A in moves], self.nodes)
+    def units(self) -> tuple[NDArray[np.int_], int]:
+        """Units of the states that balance rows and columns of the steps, and one of the steps, as powers of two.
 
-    def balance(self) -> Array:
-        """Units of the states that balance rows and columns of the steps, powers of two."""
-        whole = np.einsum("e,eij->ij", np.sqrt(self.weights), np.abs(self.A))
-        unit: Array = matrix_balance(whole, permute=False, separate=True)[1][0]
-        return unit
+        The greatest entry of a step is about 1 in them.
+        """
+        shift = int(np.frexp(np.abs(self.A).max())[1])
+        whole = np.einsum("e,eij->ij", np.sqrt(self.weights), np.ldexp(np.abs(self.A), -shift))
+        unit = np.frexp(matrix_balance(whole, permute=False, separate=True)[1][0])[1] - 1
+        exponents = np.frexp(self.A)[1] + unit - unit[:, None]
+        return unit, int(exponents[self.A != 0].max()) if self.A.any() else 0
+
+    def rescaled(self, unit: NDArray[np.int_], step: int) -> "MomentOperator":
+        """The same in other units of the states and of the steps: without rounding, where nothing underflows."""
+        A = np.ldexp(self.A, unit - unit[:, None] - step)
+        moves = zip(self.tails, self.heads, self.weights, A, strict=True)
+        return MomentOperator([Move(int(t), int(h), -1, float(w), A) for t, h, w, A in moves], self.nodes)
 
     def reversed(self) -> "MomentOperator":
         """The operator whose adjoint is this one."""
