@@ -340,12 +340,14 @@ def _majorant(steps: Sequence[Array], M: Array, D: Array, sizes: Array) -> Array
 
 def _scaled(R: Array, D: Array) -> Array:
     """``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
-    scale = np.sqrt(np.outer(np.diag(D), np.diag(D)))
+    root = np.sqrt(np.diag(D))
+    scale = np.outer(root, root)
     return np.divide(R, scale, out=np.zeros_like(R), where=scale > 0)
 
 
 def _scaled_norm(R: Array, D: Array) -> float:
-    return float(np.linalg.norm(_scaled(R, D), 2))
+    scaled = _scaled(R, D)
+    return float(np.linalg.norm(scaled, 2)) if np.isfinite(scaled).all() else np.inf
 
 
 def _doubled(M: Array, Q: Array) -> Array:

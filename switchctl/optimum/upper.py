@@ -279,8 +279,8 @@ def contracting_walk(decisions: Decisions, costing: bool = False) -> tuple[int, 
         steps = np.array([len(walk.word) for _, _, walk in walks])
         with np.errstate(over="ignore", divide="ignore"):
             size = np.log(np.linalg.norm(products, axis=(1, 2))) / steps
-        kept = np.argsort(np.where(np.isfinite(size), size, np.inf), kind="stable")[:_BEAM]
-        kept = kept[np.isfinite(size[kept])]
+        kept = np.argsort(size, kind="stable")[:_BEAM]  # what is not a number comes last
+        kept = kept[size[kept] < np.inf]  # a product that vanishes has -inf
         walks, products = [walks[i] for i in kept], products[kept]
         radii = np.abs(np.linalg.eigvals(products)).max(axis=1)
         for i in np.argsort(radii, kind="stable"):

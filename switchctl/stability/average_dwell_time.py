@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -11,7 +12,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time
 from switchctl.stability.joint_spectral_radius import held, proven_radius
-from switchctl.stability.moves import Moves
+from switchctl.stability.moves import Moves, exactly, multiplied, power
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree
 from switchctl.validation import number
@@ -119,7 +120,8 @@ def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
         norms = [tail(A / decay, np.eye(len(A))) for A in modes.A]
         if any(P is None for P in norms):
             return np.inf
-        moves = replace(common, A=common.A / decay, lengths=(common.tail != common.head).astype(float))
+        wrong = common.wrong / decay + np.finfo(float).eps * np.abs(common.A)
+        moves = replace(common, A=common.A / decay, wrong=wrong, lengths=(common.tail != common.head).astype(float))
         jump, P = quadratic_norms(moves, np.array(norms), 1.0, 1.0, _ACCURACY, max(end, time.perf_counter() + 1))
         jump = max(jump, 1.0)
         upper = float(np.log(jump) / (part * slowest)) * (1 + 1e-9)
@@ -158,6 +160,8 @@ def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, 
                 average = (a + b + 2) / 2
                 if average <= best[0]:
                     break
-                if proven_radius(products[a, b]) >= 1:
+                after = [power(exactly(modes.A[k]), count) if count else None for k, count in ((i, a), (j, b))]
+                steps = exactly(modes.A_after[i, j]), after[1], exactly(modes.A_after[j, i]), after[0]
+                if proven_radius(reduce(lambda M, step: multiplied(step, M), filter(None, steps))) >= 1:
                     best = average, (j,) * (b + 1) + (i,) * (a + 1)
     return best

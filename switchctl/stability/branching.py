@@ -42,6 +42,7 @@ class _Level(NamedTuple):
     start: Indices
     end: Indices
     product: Array
+    wrong: Array  # by how much rounding may have moved its norm
     steps: Array
     least: Array  # the least growth of a step at which the product can be cut
     cut: Indices  # the level where that is
@@ -74,8 +75,11 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
     V = len(moves)
     nodes = np.arange(V)
     nothing = np.tile(np.eye(n), (V, 1, 1))
-    levels = [_Level(nodes, nodes, nodes, nodes, nothing, np.zeros(V), np.full(V, np.inf), np.full(V, -1))]
+    none, sizes = np.zeros(V), np.linalg.norm(moves.A, 2, axis=(1, 2))
+    wrong = moves.wrong.sum(axis=(1, 2)) + 2 * n**2 * np.finfo(float).eps * sizes
+    levels = [_Level(nodes, nodes, nodes, nodes, nothing, none, none, np.full(V, np.inf), np.full(V, -1))]
     count, upper, patterns = 0, 0.0, np.tile(np.eye(n, dtype=bool), (V, 1, 1))
+    pattern = (moves.A != 0) | (moves.wrong != 0)
     while True:
         last = levels[-1]
         target = max(cycle.rate * (1 + tol), goal)
@@ -88,7 +92,9 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
         parent = np.repeat(alive, [len(way) for way in ways])
         edge = np.concatenate(ways)
         product, steps = moves.A[edge] @ last.product[parent], last.steps[parent] + lengths[edge]
-        norms, patterns = np.linalg.norm(product, 2, axis=(1, 2)), (moves.A[edge] != 0) @ patterns[parent]
+        before = np.linalg.norm(last.product, axis=(1, 2))[parent]
+        doubt = (sizes + wrong)[edge] * last.wrong[parent] + wrong[edge] * before
+        norms, patterns = np.linalg.norm(product, 2, axis=(1, 2)) + doubt, pattern[edge] @ patterns[parent]
         growth = np.where(patterns.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0) ** (1 / steps)
         better = growth < last.least[parent]
         level = _Level(
@@ -97,6 +103,7 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
             last.start[parent],
             moves.head[edge],
             product,
+            doubt,
             steps,
             np.where(better, growth, last.least[parent]),
             np.where(better, len(levels), last.cut[parent]),
@@ -160,7 +167,8 @@ def promising_cycle(moves: Moves, longest: int, beam: int) -> Cycle:
     E = len(moves.tail)
     parent = edge = np.arange(E)
     level = _Level(
-        parent, edge, moves.tail, moves.head, moves.A, moves.lengths, np.full(E, np.inf), np.zeros(E, dtype=int)
+        parent, edge, moves.tail, moves.head, moves.A, np.zeros(E), moves.lengths,
+        np.full(E, np.inf), np.zeros(E, dtype=int),
     )
     levels, cycle = [level, level], Cycle(0.0, ())
     while True:
@@ -176,7 +184,7 @@ def promising_cycle(moves: Moves, longest: int, beam: int) -> Cycle:
         with np.errstate(over="ignore", invalid="ignore"):
             product = moves.A[edge] @ level.product[parent]
         level = _Level(
-            parent, edge, level.start[parent], moves.head[edge], product,
+            parent, edge, level.start[parent], moves.head[edge], product, level.wrong[parent],
             level.steps[parent] + moves.lengths[edge], level.least[parent], level.cut[parent],
         )  # fmt: skip
         levels.append(level)

@@ -102,8 +102,11 @@ def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:
     search = _Search(modes, time_limit)
     m, most = len(modes), 1
     while search.verdict((most,) * m) != "stable":
-        if most > _LONGEST:
-            raise ValueError(f"no dwell time up to {_LONGEST:,} steps was found that makes every signal stable")
+        if most > _LONGEST or not search.time_left:
+            raise ValueError(
+                f"no dwell time up to {most:,} steps was found that makes every signal stable"
+                + (f" within {time_limit:g} s; raise time_limit" if most <= _LONGEST else "")
+            )
         most *= 2
     upper = _least(lambda d: search.verdict((d,) * m) == "stable", 1, most)
     lower = _least(lambda d: search.verdict((d,) * m) != "unstable", 1, upper)

@@ -201,9 +201,37 @@ def rounding(least: Sequence[Array], compared: Sequence[Array], residuals: Seque
     n = len(least[0])
     unit = np.sqrt(np.mean([np.diag(P) for P in least], axis=0))
     scale = np.outer(unit, unit)
+    compared, residuals = ([M / scale for M in each] for each in (compared, residuals))
+    if not (np.isfinite(scale).all() and np.isfinite([*compared, *residuals]).all()):
+        return np.inf
     floor = min(float(np.linalg.eigvalsh(P / scale)[0]) for P in least) - 8 * n * n * _EPS
     if floor <= 0:
         return np.inf
-    size = max(float(np.linalg.norm(M / scale)) for M in compared)
-    excess = max((float(np.linalg.norm(R / scale)) for R in residuals), default=0.0)
+    size = max(float(np.linalg.norm(M)) for M in compared)
+    excess = max((float(np.linalg.norm(R)) for R in residuals), default=0.0)
     return 4 * TIE * max(1.0, size / floor) + (8 * n * n * _EPS * size + excess) / floor
+
+
+def spread(above: Sequence[Array], below: Sequence[Array]) -> float:
+    """The greatest eigenvalue of some matrices over the least of others, or more; infinite where rounding hides it.
+
+    Parameters
+    ----------
+    above, below : sequence of arrays, shape (n, n)
+        Positive definite matrices.
+
+    Returns
+    -------
+    float
+    """
+    if not np.isfinite([*above, *below]).all():
+        return np.inf
+    noise = 8 * len(above[0]) * _EPS
+    greatest = max(float(np.linalg.eigvalsh(P)[-1]) for P in above)
+    least = []
+    for P in below:
+        plain, unit = np.linalg.eigvalsh(P), np.sqrt(np.diag(P))
+        balanced = np.linalg.eigvalsh(P / unit[:, None] / unit)
+        parts = plain[0] - noise * plain[-1], (balanced[0] - noise * balanced[-1]) * float(unit.min()) ** 2
+        least.append(max(parts))
+    return greatest / min(least) * (1 + 1e-6) if min(least) > 0 else np.inf

@@ -172,11 +172,12 @@ def does_switching_help(
         raise ValueError("does_switching_help is for modes whose switches leave the state as it is (no activation)")
     x0 = None if x0 is None else initial_state(modes, x0)
     method = Optimal(gap=gap, time_limit=time_limit)
-    try:
-        found = _decided(modes)
-    except np.linalg.LinAlgError as error:
-        found = SwitchingHelp(modes, None, str(error))
-    found = replace(found, paper_test=_paper_test(modes))
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            found = _decided(modes)
+        except np.linalg.LinAlgError as error:
+            found = SwitchingHelp(modes, None, f"rounding hides it: {error}")
+        found = replace(found, paper_test=_paper_test(modes))
     return found if x0 is None else _from(found, x0, method)
 
 

@@ -13,7 +13,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.stability.branching import Cycle, Tree, branch, promising_cycle
 from switchctl.stability.growth import Verdict, verdict
-from switchctl.stability.moves import Moves
+from switchctl.stability.moves import Moves, Rounded, multiplied
 from switchctl.stability.quadratic import growth, lifting_norms, quadratic_norms, rounding
 from switchctl.tables import html_table, tree
 from switchctl.validation import number
@@ -256,7 +256,7 @@ class _Search:
         moves, unit = self.part, self.upper
         if unit == 0:
             return "tolerance reached"
-        plain, P = moves.seen_in(self.norms.P, unit), lifting_norms(moves)
+        plain, P = moves.divided(unit), lifting_norms(moves)
         self._improve("Kronecker lifting", growth(moves, P), moves, P)
         seen = moves.seen_in(P, unit)
         self._take(plain, promising_cycle(seen, _LONGEST, 200), unit)
@@ -290,8 +290,7 @@ class _Search:
             return
         known = Cycle(self.floor / unit, ())
         found = branch(moves.seen_in(P, unit), known, self.tol, self.goal / unit, budget, self.deadline)
-        identity = np.broadcast_to(np.eye(P.shape[-1]), P.shape)
-        self._take(moves.seen_in(identity, unit), found.cycle, unit)
+        self._take(moves.divided(unit), found.cycle, unit)
         self._improve("branch and bound", found.upper * unit * rounding(P), moves, P, found.tree)
 
     def _take(self, moves: Moves, cycle: Cycle, unit: float) -> None:
@@ -299,14 +298,18 @@ class _Search:
         if not cycle.edges:
             return
         word = tuple(mode for e in cycle.edges for mode in moves.words[e])
-        product, log = np.eye(moves.A.shape[-1]), 0.0
+        product: Rounded | None = None
+        log = 0.0
         for e in cycle.edges:
-            product = moves.A[e] @ product
-            size = float(np.abs(product).max())
-            if size == 0:
+            step = moves.A[e], moves.wrong[e]
+            product = step if product is None else multiplied(step, product)
+            size = float(np.abs(product[0]).max())
+            if not 0 < size < np.inf:
                 return
-            product, log = product / size, log + np.log(size)
+            product, log = (product[0] / size, product[1] / size), log + np.log(size)
+        assert product is not None
         rate = float(proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word))) * unit
+        rate *= 1 - 4 * np.finfo(float).eps * (1 + abs(log) / len(word))
         if rate > self.lower * (1 + _ACCURACY):
             if len(self.part) == 1 and (self.part.lengths == 1).all():  # it may begin anywhere
                 word = min(word[k:] + word[:k] for k in range(len(word)))
@@ -322,13 +325,17 @@ class _Search:
         self.progress.update()
 
 
-def proven_radius(M: Array) -> float:
+def proven_radius(product: Rounded) -> float:
     """A spectral radius less what rounding may have added to it, by the condition of its eigenvalue."""
     from scipy.linalg import eig
 
+    M, doubt = product
+    if not (np.isfinite(M).all() and np.isfinite(doubt).all()):
+        return 0.0
     values, left, right = eig(M, left=True)  # type: ignore[misc]
     k = int(np.abs(values).argmax())
-    size, unit = float(np.linalg.norm(M, 2)), 4 * len(M) * np.finfo(float).eps
+    size = float(np.linalg.norm(M, 2))
+    moved = 4 * len(M) * float(np.finfo(float).eps) * size + float(doubt.sum())
     condition = 1 / max(float(np.abs(left[:, k].conj() @ right[:, k])), 1e-300)
-    wrong = min(unit * size * condition, size * (8 * unit) ** (1 / len(M)))
+    wrong = min(moved * condition, 2 * size * (moved / max(size, 1e-300)) ** (1 / len(M)))
     return max(0.0, float(np.abs(values[k])) - wrong)

@@ -98,7 +98,7 @@ class Pairs:
             mean = np.mean(words, axis=0)
             if t > 1 and _definite(mean):
                 root = _inverse_root(mean)
-                least = min(_least(L, np.abs(L), root) for L in words) - _SEEN
+                least = float(np.min([_least(L, np.abs(L), root) for L in words])) - _SEEN
                 if least > 0:
                     return True, [least * mean / t] * m
             blind = blind or all(self._sees(L) for L in words)
@@ -164,7 +164,8 @@ class Pairs:
             return np.inf
         root = _inverse_root(weights[i])
         lightest = _least(weights[i], np.abs(weights[i]), root)
-        return max(0.0, -_least(*self.residual(i, q, alpha), root)) / lightest if lightest > 0 else np.inf
+        left = _least(*self.residual(i, q, alpha), root)
+        return max(0.0, -left) / lightest if lightest > 0 and np.isfinite(left) else np.inf
 
     def relative_error(self) -> float:
         """The least e found with ``error <= e P`` for all tails."""
@@ -172,7 +173,7 @@ class Pairs:
             return np.inf
         roots = [_inverse_root(P) for P in self.P]
         errors = [np.linalg.norm(T @ error @ T.T, 2) for T, error in zip(roots, self.error, strict=True)]
-        return 2 * float(max(errors))
+        return 2 * float(np.max(errors)) if np.isfinite(errors).all() else np.inf
 
     def costs(self, i: int, q: int, S: Array) -> tuple[float, Array, float]:
         """What the pair costs from a moment in scaled states, what the tails cost, and by how much this is certain.

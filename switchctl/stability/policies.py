@@ -22,7 +22,7 @@ from switchctl.methods import (
 )
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, smat
-from switchctl.stability.falling import Fall, fall, largest_share, rounding, walks
+from switchctl.stability.falling import Fall, fall, largest_share, rounding, spread, walks
 from switchctl.stability.growth import Verdict, definite, transient
 from switchctl.stability.holds import longest_hold
 from switchctl.stability.switching import word_stability
@@ -45,7 +45,7 @@ class PolicyStability:
         The argument, or what is missing.
     rate, constant : float or None
         The bound ``tr S(k) <= constant * rate^(2k) * tr S(0)`` for every initial state, where there is one that holds
-        for all alike; it may be far from sharp. tr S is W2 where all states are the plant's, else above it.
+        for all alike; it may be far from sharp, and the constant is infinite where rounding hides it. tr S is W2 where all states are the plant's, else above it.
     fall : Fall or None
         The value that falls, and by which share, where that is the argument.
     graph : SwitchingGraph
@@ -114,8 +114,12 @@ def policy_stability(modes: ModeSet | SwitchingGraph, method: Method) -> PolicyS
     graph = as_graph(modes)
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method such as Rollout(), not {method!r}")
-    method.start(graph)
-    verdict, why, rate, constant, falling = _judge(graph, method)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite proves nothing
+        method.start(graph)
+        try:
+            verdict, why, rate, constant, falling = _judge(graph, method)
+        except np.linalg.LinAlgError as error:
+            verdict, why, rate, constant, falling = _undecided(f"rounding hides it: {error}")
     return PolicyStability(method, verdict, why, rate, constant, falling, graph)
 
 
@@ -167,6 +171,14 @@ def _constant(graph: SwitchingGraph, mode: int) -> _Answer:
     return "stable", why, rate, constant * most * (1 + 1e-6), None
 
 
+def _hidden(discount: float) -> _Answer:
+    return _undecided(
+        "the discount lets states grow; take a greater one"
+        if discount < 1
+        else "rounding hides it; rescale the states, or leave out modes whose spectral radius is too near 1"
+    )
+
+
 def _blind(graph: SwitchingGraph) -> _Answer:
     return _undecided(
         "the stage weights leave states unseen, which may grow; give every stage weight a positive definite Q"
@@ -216,14 +228,16 @@ def _falling(graph: SwitchingGraph, above: dict[int, Array], least: list[Array],
     g = graph.modes.discount
     found = fall(graph, above, slack)
     if found is None:
-        return _undecided(
-            "the discount lets states grow; take a greater one" if g < 1 else "rounding hides it; rescale the states"
-        )
-    floor = min(float(np.linalg.eigvalsh(P)[0]) for P in least)
-    ceiling = max(min(float(np.linalg.eigvalsh(P)[-1]) for P in each) for each in above.values())
-    constant = ceiling / floor * ((1 + slack) / g / found.rate**2) ** (found.steps - 1) * (1 + 1e-6)
+        return _hidden(g)
+    constant = spread([_least(each) for each in above.values()], least)
+    constant *= ((1 + slack) / g / found.rate**2) ** (found.steps - 1)
     steps = "every step" if found.steps == 1 else f"every {found.steps} steps"
     return "stable", f"{what} falls by a share of {found.share:.6g} at {steps}", found.rate, float(constant), found
+
+
+def _least(matrices: Iterable[Array]) -> Array:
+    """The matrix of the least greatest eigenvalue."""
+    return min(matrices, key=lambda P: float(np.linalg.eigvalsh(P)[-1]))
 
 
 def _finite(graph: SwitchingGraph, what: str) -> _Answer:
@@ -269,9 +283,8 @@ def _pointwise(graph: SwitchingGraph) -> _Answer:
             "no mean of the modes' next W2 is below the present one, so it may rise whatever mode is taken; use "
             "Rollout, or RecedingHorizon(.., decrease=..)"
         )
-    eigenvalues = np.linalg.eigvalsh(Q)
     why = f"a mean of what the modes make of it is {1 / share:.6g} of tr(Q S), and the least is below the mean"
-    return "stable", why, math.sqrt(contraction), float(eigenvalues[-1] / eigenvalues[0]) * (1 + 1e-6), None
+    return "stable", why, math.sqrt(contraction), spread([Q], [Q]), None
 
 
 def _receding_horizon(graph: SwitchingGraph, method: RecedingHorizon) -> _Answer:
@@ -304,11 +317,9 @@ def _for_ever(graph: SwitchingGraph) -> _Answer:
     share = min(largest_share(Q, P[None])[0] for Q, P in held)
     contraction = (1 - share + rounding(least, least, residuals)) / g
     if not contraction < 1:
-        return _undecided("the discount lets states grow; take a greater one")
-    floor = min(float(np.linalg.eigvalsh(P)[0]) for P in least)
-    ceiling = min(float(np.linalg.eigvalsh(P)[-1]) for P in least)
+        return _hidden(g)
     why = f"{what} falls by a share of {share:.6g} at every step"
-    return "stable", why, math.sqrt(contraction), ceiling / floor * (1 + 1e-6), None
+    return "stable", why, math.sqrt(contraction), spread([_least(least)], least), None
 
 
 def _constrained(graph: SwitchingGraph, hold: int, decrease: float) -> _Answer:

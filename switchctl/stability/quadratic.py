@@ -5,6 +5,7 @@ and Roozbehani, SIAM J. Control Optim. 2014). The solver's answer is never trust
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -21,14 +22,14 @@ _DENSE = 3000  # unknowns of a linear system solved for a first P
 def growth(moves: Moves, P: Array) -> float:
     """The least gamma that these norms prove; infinite where a P is not positive definite, or there is none."""
     try:
-        T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
+        seen = moves.seen_in(P, 1.0)
     except np.linalg.LinAlgError:
         return np.inf
-    back, room = np.linalg.inv(T), rounding(P)
-    if room == np.inf:
+    room = rounding(P)
+    if not (room < np.inf and np.isfinite(seen.A).all() and np.isfinite(seen.wrong).all()):
         return np.inf
-    norms = np.linalg.norm(T[moves.head] @ moves.A @ back[moves.tail], 2, axis=(1, 2)) * room
-    norms = np.where(moves.A.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0)
+    norms = (np.linalg.norm(seen.A, 2, axis=(1, 2)) + seen.wrong.sum(axis=(1, 2))) * room
+    norms = np.where(((seen.A != 0) | (seen.wrong != 0)).any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0)
     counted = moves.lengths > 0
     if (norms[~counted] > 1).any():
         return np.inf
@@ -58,7 +59,7 @@ def lifting_norms(moves: Moves) -> Array:
     unit = growth(moves, identity)
     if V * d > _DENSE or unit == 0:
         return identity
-    K = moment_maps(moves.A / unit ** moves.lengths[:, None, None])
+    K = moment_maps(moves.divided(unit).A)
     blocks = np.zeros((V, V, d, d))
     np.add.at(blocks, (moves.tail, moves.head), np.swapaxes(K, -1, -2))
     T = blocks.transpose(0, 2, 1, 3).reshape(V * d, V * d)
@@ -147,7 +148,7 @@ class _Program:
         if time.perf_counter() > self.deadline:
             raise TimeoutError
         moves, E = self.moves, len(self.A)
-        K = moment_maps(self.A / gamma ** moves.lengths[:, None, None])
+        K = moment_maps(replace(moves, A=self.A).divided(gamma).A)
         rows, columns = np.divmod(np.arange(self.d * self.d), self.d)
         e = np.arange(E)[:, None] * self.d
         own = np.arange(self.d)

@@ -137,9 +137,10 @@ def stabilising_word(modes: ModeSet | SwitchingGraph) -> GrowthRate | None:
     >>> found.word, round(found.upper, 6)
     ((0, 1), 0.707107)
     """
-    decisions = Decisions(as_graph(modes))
-    decisions.reachable(_CHOICES)
-    found = contracting_walk(decisions, costing=True)
+    with np.errstate(over="ignore", invalid="ignore"):  # products that are not finite are left out
+        decisions = Decisions(as_graph(modes))
+        decisions.reachable(_CHOICES)
+        found = contracting_walk(decisions, costing=True)
     if found is None:
         return None
     at, word = found[0], list[int]()

@@ -67,6 +67,12 @@ def transient_growth(A: Array, stability: Verdict) -> TransientGrowth:
     """
     if stability == "unstable":
         return TransientGrowth(np.inf, np.inf, None)
+    with np.errstate(over="ignore", invalid="ignore"):  # powers that are not finite never fall below 1
+        return _searched(A, stability)
+
+
+def _searched(A: Array, stability: Verdict) -> TransientGrowth:
+    """The branch and bound."""
     norms, powers = _norms(A), [A]  # A^(2^i)
     while len(powers) <= (_DOUBLINGS if stability == "stable" else _SEEN) and not np.linalg.norm(powers[-1], 2) < 1:
         powers.append(powers[-1] @ powers[-1])
