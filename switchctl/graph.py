@@ -409,7 +409,7 @@ def as_graph(modes: ModeSet | SwitchingGraph) -> SwitchingGraph:
     """The graph given, or that of modes without rules."""
     if not isinstance(modes, ModeSet | SwitchingGraph):
         raise TypeError(
-            "expected a ModeSet (of matrices: ModeSet(matrices)) or a SwitchingGraph(modes, rules), "
+            "modes must be a ModeSet (of matrices: ModeSet(matrices)) or a SwitchingGraph(modes, rules), "
             f"not a {type(modes).__name__}"
         )
     return modes if isinstance(modes, SwitchingGraph) else SwitchingGraph(modes)

@@ -8,14 +8,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from switchctl.gramians import tail
-from switchctl.modes import ModeSet
+from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
-from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time
+from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time, seconds
 from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import Moves, exactly, multiplied, power
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree
-from switchctl.validation import number
 
 _ACCURACY = 1e-6
 _TRIED = 25  # rates of decay
@@ -97,7 +96,8 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
     >>> print(found.upper)  # one norm serves both
     0.0
     """
-    return averaged(minimum_dwell_time(modes, number(time_limit, "time_limit") / 2), time_limit / 2)
+    require_modes(modes)
+    return averaged(minimum_dwell_time(modes, seconds(time_limit) / 2), time_limit / 2)
 
 
 def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from switchctl.modes import ModeSet, require_modes
 from switchctl.stability.joint_spectral_radius import Bounds, bounded, held
@@ -102,11 +103,9 @@ def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:
     search = _Search(modes, time_limit)
     m, most = len(modes), 1
     while search.verdict((most,) * m) != "stable":
-        if most > _LONGEST or not search.time_left:
-            raise ValueError(
-                f"no dwell time up to {most:,} steps was found that makes every signal stable"
-                + (f" within {time_limit:g} s; raise time_limit" if most <= _LONGEST else "")
-            )
+        if most > _LONGEST:
+            late = "" if search.time_left else f" within {time_limit:g} s; raise time_limit"
+            raise ValueError(f"no dwell time up to {_LONGEST:,} steps was found that makes every signal stable{late}")
         most *= 2
     upper = _least(lambda d: search.verdict((d,) * m) == "stable", 1, most)
     lower = _least(lambda d: search.verdict((d,) * m) != "unstable", 1, upper)
@@ -140,14 +139,20 @@ def require_schur(modes: ModeSet) -> None:
         )
 
 
+def seconds(time_limit: Any) -> float:
+    """Check a time limit."""
+    limit = number(time_limit, "time_limit")
+    if not limit > 0:
+        raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
+    return limit
+
+
 class _Search:
     """What is known of dwell times, and the time to find more."""
 
     def __init__(self, modes: ModeSet, time_limit: float) -> None:
         require_schur(modes)
-        if not number(time_limit, "time_limit") > 0:
-            raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
-        self.modes, self.end = modes, time.perf_counter() + time_limit
+        self.modes, self.end = modes, time.perf_counter() + seconds(time_limit)
         self.share = time_limit / 20
         self.found: dict[tuple[int, ...], Bounds] = {}
         self.interrupted = False
@@ -243,7 +248,8 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     >>> mode_dependent_dwell_times(five_mode.modes()).dwell
     (2, 3, 3, 2, 3)
     """
-    common = minimum_dwell_time(modes, number(time_limit, "time_limit") / 2)
+    require_modes(modes)
+    common = minimum_dwell_time(modes, seconds(time_limit) / 2)
     return shortened(common, time_limit / 2)
 
 

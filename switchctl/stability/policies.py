@@ -45,7 +45,8 @@ class PolicyStability:
         The argument, or what is missing.
     rate, constant : float or None
         The bound ``tr S(k) <= constant * rate^(2k) * tr S(0)`` for every initial state, where there is one that holds
-        for all alike; it may be far from sharp, and the constant is infinite where rounding hides it. tr S is W2 where all states are the plant's, else above it.
+        for all alike; it may be far from sharp, and the constant is infinite where rounding hides it. tr S is W2
+        where all states are the plant's, else above it.
     fall : Fall or None
         The value that falls, and by which share, where that is the argument.
     graph : SwitchingGraph
@@ -168,7 +169,7 @@ def _constant(graph: SwitchingGraph, mode: int) -> _Answer:
         moved, before = modes.A_after[before, i] @ moved, i
     most = max(most, float(np.linalg.norm(moved, 2)) ** 2 / rate ** (2 * (len(lead) + 1)))
     why = f"mode {modes.names[mode]!r} is Schur, and held from step {len(lead)} on"
-    return "stable", why, rate, constant * most * (1 + 1e-6), None
+    return "stable", why, rate, float(constant * most) * (1 + 1e-6), None
 
 
 def _hidden(discount: float) -> _Answer:

@@ -1,6 +1,6 @@
 """Mean-square stability of switching that is fixed beforehand: a mode, a word repeated for ever, random switching."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ def word_stability(modes: ModeSet | SwitchingGraph, word: Iterable[Any]) -> Grow
     └── graph  2 nodes, 2 moves
     """
     graph = as_graph(modes)
-    if isinstance(word, str) or not isinstance(word, Iterable):
+    if isinstance(word, str | bytes | Set | Mapping) or not isinstance(word, Iterable):
         raise TypeError(f"word must be a sequence of modes, such as [0, 1], not {word!r}")
     indices = tuple(graph.modes.index(mode) for mode in word)
     if not indices:
