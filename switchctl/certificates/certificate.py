@@ -1,5 +1,6 @@
 """A certificate: a claim with its data and its witness, as JSON, which `check.py` decides by itself."""
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,6 +37,14 @@ class Certificate:
 
     document: dict[str, Any]
 
+    def __post_init__(self) -> None:
+        parts = ("kind", "data", "claim", "witness")
+        if not isinstance(self.document, dict) or not all(part in self.document for part in parts):
+            raise TypeError(
+                f"document must be a dict with {', '.join(parts)}, as the file has it, not {self.document!r:.80}; "
+                "certify makes a certificate, Certificate.load reads one"
+            )
+
     @classmethod
     def of(cls, kind: str, data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> "Certificate":
         """Seal a claim: with the sha256 of its data, and of itself with its witness.
@@ -50,7 +59,21 @@ class Certificate:
         Returns
         -------
         Certificate
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a part is no dict of what JSON can hold, or the kind is not known.
         """
+        if kind not in list(check.KINDS):
+            raise ValueError(f"kind is {kind!r}; expected one of {', '.join(check.KINDS)}")
+        for name, part in (("data", data), ("claim", claim), ("witness", witness)):
+            if not isinstance(part, dict):
+                raise TypeError(f"{name} must be a dict, as the file has it, not {part!r:.80}")
+            try:
+                json.dumps(part, allow_nan=False)
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"{name} must hold what JSON can: {error}") from None
         head = {"format": "switchctl certificate", "version": check.VERSION, "kind": kind}
         seals = {"sha256": check.digest(data), "sha256_of_proof": check.digest([claim, witness])}
         return cls({**head, "data": data, "claim": claim, "witness": witness, **seals})

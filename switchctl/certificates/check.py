@@ -9,7 +9,6 @@ Numbers are hexadecimal floats, so they are exact; matrices are kept as integers
 
 import hashlib
 import json
-import os
 import sys
 from collections.abc import Callable
 from fractions import Fraction
@@ -716,10 +715,11 @@ def main(arguments: list[str]) -> int:
         print("usage: python check.py claim.json", file=sys.stderr)
         return 2
     try:
-        if os.path.getsize(arguments[0]) > BYTES:
+        with open(arguments[0], "rb") as file:
+            content = file.read(BYTES + 1)
+        if len(content) > BYTES:
             raise Unreadable(f"a file of more than {BYTES} bytes")
-        with open(arguments[0], encoding="utf-8") as file:
-            document = json.load(file, object_pairs_hook=once)
+        document = json.loads(content.decode(), object_pairs_hook=once)
         check(document)
     except Rejected as error:
         print(f"rejected: {error}")

@@ -72,6 +72,8 @@ def dwell_time(found: DwellTime | DwellTimes) -> Certificate:
 def average_dwell_time(found: AverageDwellTime) -> Certificate:
     """Prove an average dwell time, in 64ths of a step: every signal that keeps it is stable, one with less is not."""
     modes = found.modes
+    if not found.P.size:
+        raise ValueError("no average dwell time was found, so there is nothing to certify; certify a dwell time")
     data = _data(modes)
     graph = check.Graph.with_dwell(data, [1] * len(modes))
     claim: dict[str, Any] = {"stable": None, "unstable": None}
@@ -125,7 +127,10 @@ def _cycle(graph: check.Graph, node: int, ways: list[int], rate: float) -> tuple
         M = product / claimed ** len(ways)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # whether H is a proof is decided exactly
-            H = solve_discrete_lyapunov(M.T, -np.eye(len(M)), method="direct")
+            try:
+                H = solve_discrete_lyapunov(M.T, -np.eye(len(M)), method="direct")
+            except np.linalg.LinAlgError:
+                continue
         H = (H + H.T) / 2
         H = H / np.abs(H).max()
         x = np.linalg.eigh(H)[1][:, -1:]

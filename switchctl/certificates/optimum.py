@@ -33,6 +33,8 @@ def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) ->
         raise ValueError("a certificate is of total costs, and this schedule's is a distance to a target")
     if not np.isfinite(schedule.cost):
         raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
+    if schedule.cost == 0:
+        raise ValueError("the schedule costs nothing, and none costs less, so there is nothing to prove of it")
     writer = _Writer(schedule)
     tree = writer.grow(gap, prefixes, time.perf_counter() + time_limit)
     data, witness = writer.data(), {**writer.bounds(), "tree": tree, **writer.run()}

@@ -55,7 +55,7 @@ def plot_graph(
         )
     place = _places(graph)
     columns, rows = np.ptp(place, axis=0) + 1
-    ax = one_axes(ax, (max(4.0, 1.1 + 1.15 * columns), max(2.4, 0.9 + 1.25 * rows)))
+    ax = one_axes(ax, title, legend_loc, (max(4.0, 1.1 + 1.15 * columns), max(2.4, 0.9 + 1.25 * rows)))
     ax.set_axis_off()
     ax.set_xlim(place[:, 0].min() - 0.6, place[:, 0].max() + 0.6)
     ax.set_ylim(place[:, 1].min() - 0.6, place[:, 1].max() + 0.7)

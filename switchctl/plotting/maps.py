@@ -1,6 +1,6 @@
 """Pictures without a time axis: areas, ellipses in the phase plane, a sweep as a heat map, a trade-off."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,7 @@ def plot_area(
     (1, 1)
     """
     require(comparison, Comparison, "plot_area")
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     rows = comparison.rows()
     finite = [row["cost"] for row in rows if np.isfinite(row["cost"])]
     top = max(finite, default=0.0) or 1.0
@@ -138,7 +138,7 @@ def plot_ellipses(
     if not 0 < number(probability, "probability") < 1:
         raise ValueError(f"probability is {probability}; expected a number strictly between 0 and 1")
     stop = steps_shown([schedule.w2], stop)
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     mean, cov = schedule.mean[pair, :stop], schedule.cov[:stop][:, pair][:, :, pair]
     lines = ax.plot(*mean, color="black", lw=0.8, marker=".", ms=3, zorder=3, label="mean")
     eigenvalues, vectors = np.linalg.eigh(cov)
@@ -190,7 +190,7 @@ def plot_sweep(sweep: Sweep, *, ax: Any = None, title: str | None = None, legend
     (1, 1)
     """
     require(sweep, Sweep, "plot_sweep")
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     percent = 100 * sweep.relative
     spread = max(float(np.nanmax(np.abs(percent[np.isfinite(percent)] - 100), initial=0.0)), 0.1)
     norm = TwoSlopeNorm(100, 100 - spread, 100 + spread)
@@ -261,7 +261,7 @@ def plot_trade_off(
         raise ValueError("no setting has a schedule of finite cost, so there is nothing to draw")
     x = [row["switches"] if over == "switch_cost" else row["value"] for row in rows]
     y = [row["state"] for row in rows]
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     lines = ax.plot(x, y, color="black", marker="o", lw=1.4, label="under the rule")
     single = single_mode_costs(modes, trade_off.x0)
     if np.isfinite(single).any():
@@ -296,9 +296,10 @@ def plot_trade_off(
 
 
 def _state_pair(modes: ModeSet, states: Sequence[int | str]) -> list[int]:
-    n = len(modes.states)
-    pair = [modes.states.index(s) if s in modes.states else s for s in states]
-    if len(pair) != 2 or pair[0] == pair[1] or not all(isinstance(s, int | np.integer) and 0 <= s < n for s in pair):
+    n, given = len(modes.states), [] if isinstance(states, str) or not isinstance(states, Iterable) else list(states)
+    pair = [modes.states.index(s) if isinstance(s, str) and s in modes.states else s for s in given]
+    numbers = all(isinstance(s, int | np.integer) and not isinstance(s, bool) and 0 <= s < n for s in pair)
+    if len(pair) != 2 or not numbers or pair[0] == pair[1]:
         raise ValueError(
             f"states is {states!r}; expected two different ones of {', '.join(modes.states)}, or their indices"
         )

@@ -56,7 +56,7 @@ def plot_bounds(
     rungs = list(rungs) if isinstance(rungs, Sequence) else [rungs]
     if not rungs or not all(isinstance(rung, Rung) for rung in rungs):
         raise TypeError("plot_bounds draws a list of Rung, one at least: what Optimal(callback=rungs.append) collects")
-    ax, last = one_axes(ax), rungs[-1]
+    ax, last = one_axes(ax, title, legend_loc), rungs[-1]
     seconds = [rung.seconds for rung in rungs]
     lines = []
     for label, colour, distances in (
@@ -108,10 +108,12 @@ def plot_tree(
     (1, 1)
     """
     require(certificate, Certificate, "plot_tree")
+    if certificate.kind != "optimum":
+        raise ValueError(f"plot_tree draws certificates of a schedule; this one is of kind {certificate.kind!r}")
     data, witness = certificate.document["data"], certificate.document["witness"]
     if len(witness["tree"]) > _PREFIXES:
         raise ValueError(f"the tree has {len(witness['tree']):,} prefixes; a picture shows {_PREFIXES:,} at most")
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     edges, ends = _drawn(data["moves"], {int(v) for v in witness["bounds"][0]}, witness["tree"])
     for mode in range(len(data["A"])):
         parts = [edge for edge in edges if edge[0] == mode]

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from switchctl.moments import Array
-from switchctl.plotting.style import finish, mode_style, plain, positive, require, time_label
+from switchctl.plotting.style import check_title, finish, mode_style, plain, positive, require, time_label
 from switchctl.stability import Report
 from switchctl.stability.dwell_time import held
 from switchctl.stability.transient_growth import power_norms
@@ -49,6 +49,7 @@ def plot_report(report: Report, *, title: str | None = None) -> ControlPlot:
     (2, 2)
     """
     require(report, Report, "plot_report")
+    check_title(title)
     m = len(report.modes)
     size = (9.6, 2 * max(3.2, 1.6 + 0.22 * m))
     figure, axes = plt.subplots(2, 2, figsize=size, layout="constrained", width_ratios=(1, 1.1))

@@ -71,7 +71,7 @@ def plot_monte_carlo(
     require(result, MonteCarlo, "plot_monte_carlo")
     shown = steps_shown(list(result.predicted), stop)
     rows = 4 * len(result.labels)
-    ax, strips = split_axes(one_axes(ax, (6.4, 3.6 + 0.16 * rows)), rows)
+    ax, strips = split_axes(one_axes(ax, title, legend_loc, (6.4, 3.6 + 0.16 * rows)), rows)
     t, (low, high) = result.time[:shown], result.band
     whole = result.counted == result.samples
     lines = []

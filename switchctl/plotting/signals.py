@@ -70,7 +70,7 @@ def plot_w2(
     stop = steps_shown([schedule.w2 for schedule in schedules.values()], stop)
     one = len(schedules) == 1
     rows = len(modes) if one else sum(wrapped(s).count("\n") + 1 for s in schedules)
-    ax, band = split_axes(one_axes(ax, (6.4, 3.8 + 0.16 * rows)), rows)
+    ax, band = split_axes(one_axes(ax, title, legend_loc, (6.4, 3.8 + 0.16 * rows)), rows)
     t = np.arange(stop) * modes.dk
     single = _single_w2(next(iter(schedules.values())), stop)
     lines = [
@@ -133,7 +133,7 @@ def plot_switching(
     (1, 1)
     """
     require(schedule, Schedule, "plot_switching")
-    ax = one_axes(ax, (6.4, 0.9 + 0.32 * len(schedule.modes)))
+    ax = one_axes(ax, title, legend_loc, (6.4, 0.9 + 0.32 * len(schedule.modes)))
     _draw_signal(ax, schedule, steps_shown([schedule.w2], stop))
     ax.set_xlabel(time_label(schedule.modes))
     ax.set_ylabel("mode")
@@ -190,7 +190,7 @@ def plot_schematic(
         raise ValueError("the schedule never switches, so there is nothing to show; give one with a switch")
     modes, first = schedule.modes, switches[0]
     stop = min(4 * first.step + 2, len(schedule)) if stop is None else steps_shown([schedule.w2], stop)
-    ax = one_axes(ax)
+    ax = one_axes(ax, title, legend_loc)
     t = np.arange(stop) * modes.dk
     single = _single_w2(schedule, stop)
     lines = [

@@ -11,6 +11,7 @@ import numpy as np
 from control import ControlPlot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend as MatplotlibLegend
 from matplotlib.lines import Line2D
 
 from switchctl.modes import ModeSet
@@ -24,6 +25,7 @@ COLOURS = (
 )  # fmt: skip
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (8, 2, 1, 2, 1, 2)))
 SCHEDULE_DASHES: tuple[Any, ...] = ("-", (0, (3, 1)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+_PLACES = ("above", *MatplotlibLegend.codes)
 SHOWN = 1e-4  # pictures end where W2 has fallen to this fraction of its start
 
 Legend = Any  # python-control's legend_loc: a place, False for none, or None for the default
@@ -34,14 +36,30 @@ def mode_style(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
 
 
-def one_axes(ax: Any, size: tuple[float, float] = (6.4, 4.2)) -> Axes:
-    """Return the axes given, or those of a new figure."""
+def one_axes(ax: Any, title: Any, legend_loc: Any, size: tuple[float, float] = (6.4, 4.2)) -> Axes:
+    """Return the axes given, or those of a new figure; nothing is drawn where an argument is wrong."""
+    check_title(title)
+    if isinstance(legend_loc, str):
+        if legend_loc not in _PLACES:
+            raise ValueError(f"legend_loc is {legend_loc!r}; expected False or one of {', '.join(_PLACES)}")
+    elif legend_loc is not None and legend_loc is not False:
+        raise TypeError(f"legend_loc must be a string such as 'upper right', or False for none, not {legend_loc!r}")
     if ax is None:
         return plt.subplots(figsize=size, layout="constrained")[1]
     flat = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
     if len(flat) != 1 or not isinstance(flat[0], Axes):
-        raise ValueError(f"ax must be one matplotlib Axes; got {ax!r}")
+        raise ValueError(f"ax must be one matplotlib Axes; got {ax!r:.200}")
+    if flat[0].name != "rectilinear":
+        raise ValueError(f"ax has {flat[0].name} coordinates; expected plain ones, as of plt.subplots()")
+    if flat[0].get_figure(root=True) is None:
+        raise ValueError("ax was removed from its figure; give one that stands in a figure")
     return flat[0]
+
+
+def check_title(title: Any) -> None:
+    """Refuse what is no title."""
+    if title is not None and not isinstance(title, str):
+        raise TypeError(f"title must be a string, not {title!r}")
 
 
 def split_axes(ax: Axes, rows: int) -> tuple[Axes, Axes]:

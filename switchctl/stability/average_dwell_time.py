@@ -12,7 +12,7 @@ from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time, seconds
 from switchctl.stability.joint_spectral_radius import held, proven_radius
-from switchctl.stability.moves import Moves, exactly, multiplied, power
+from switchctl.stability.moves import LEAST, Moves, exactly, multiplied, power
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree
 
@@ -108,7 +108,7 @@ def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
     one_node = replace(common, places=(0,), tail=0 * common.tail, head=0 * common.head)
     gamma, P = quadratic_norms(one_node, np.eye(modes.A.shape[-1])[None], 0.0, 1 - _ACCURACY, _ACCURACY, end)
     if gamma < 1:
-        return AverageDwellTime(modes, 0.0, 0.0, (), gamma, 1.0, np.tile(P[0], (len(modes), 1, 1)))
+        return AverageDwellTime(modes, 0.0, 0.0, (), max(gamma, LEAST), 1.0, np.tile(P[0], (len(modes), 1, 1)))
     slowest = -np.log(max(float(modes.spectral_radii.max()), 1e-3))
     best = AverageDwellTime(modes, lower, np.inf, word, 1.0, np.inf, np.empty(0))
 
@@ -117,7 +117,10 @@ def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
         if time.perf_counter() > end and best.P.size:
             return best.upper
         decay = float(np.exp(-part * slowest))
-        norms = [tail(A / decay, np.eye(len(A))) for A in modes.A]
+        try:
+            norms = [tail(A / decay, np.eye(len(A))) for A in modes.A]
+        except np.linalg.LinAlgError:
+            return np.inf
         if any(P is None for P in norms):
             return np.inf
         wrong = common.wrong / decay + np.finfo(float).eps * np.abs(common.A)

@@ -137,13 +137,12 @@ def _cuts(levels: list[_Level]) -> Tree:
     expanded = [np.zeros(len(level.edge), dtype=bool) for level in levels]
     for k, level in enumerate(levels[1:], 1):
         expanded[k - 1][level.parent] = True
-    for k, level in enumerate(levels):
+    at = cut = np.empty(0, dtype=np.intp)  # where the ways back from the leaves are, and where each is cut
+    for k in range(len(levels) - 1, 0, -1):
         leaves = np.flatnonzero(~expanded[k])
-        at, cut = leaves, level.cut[leaves]
-        for j in range(k, 0, -1):
-            here = cut == j
-            marks[j][at[here]] = True
-            at = levels[j].parent[at]
+        at, cut = np.concatenate([at, leaves]), np.concatenate([cut, levels[k].cut[leaves]])
+        marks[k][at[cut == k]] = True
+        at, cut = levels[k].parent[at[cut < k]], cut[cut < k]
     return [(level.parent, level.edge, mark) for level, mark in zip(levels, marks, strict=True)]
 
 
