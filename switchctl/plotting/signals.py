@@ -133,8 +133,9 @@ def plot_switching(
     (1, 1)
     """
     require(schedule, Schedule, "plot_switching")
+    stop = steps_shown([schedule.w2], stop)
     ax = one_axes(ax, title, legend_loc, (6.4, 0.9 + 0.32 * len(schedule.modes)))
-    _draw_signal(ax, schedule, steps_shown([schedule.w2], stop))
+    _draw_signal(ax, schedule, stop)
     ax.set_xlabel(time_label(schedule.modes))
     ax.set_ylabel("mode")
     handles = [Patch(color=mode_style(i)["color"], label=plain(name)) for i, name in enumerate(schedule.modes.names)]

@@ -166,8 +166,15 @@ def promising_cycle(moves: Moves, longest: int, beam: int) -> Cycle:
     E = len(moves.tail)
     parent = edge = np.arange(E)
     level = _Level(
-        parent, edge, moves.tail, moves.head, moves.A, np.zeros(E), moves.lengths,
-        np.full(E, np.inf), np.zeros(E, dtype=int),
+        parent,
+        edge,
+        moves.tail,
+        moves.head,
+        moves.A,
+        np.zeros(E),
+        moves.lengths,
+        np.full(E, np.inf),
+        np.zeros(E, dtype=int),
     )
     levels, cycle = [level, level], Cycle(0.0, ())
     while True:
