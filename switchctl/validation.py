@@ -23,17 +23,7 @@ MEMORY = 2e9
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
     """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
-    if issparse(value):
-        raise TypeError(f"{name} is a sparse matrix; convert it with .toarray()")
-    if isinstance(value, np.ma.MaskedArray):
-        raise TypeError(f"{name} is a masked array; fill its masked entries with .filled(value)")
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise ValueError(f"{name} is not rectangular: {error}") from None
-    if array.dtype.kind not in "biuf":
-        raise TypeError(f"{name} must hold real numbers, not {array.dtype.name} entries")
-    array = np.array(array, dtype=float, order="C", subok=False)
+    array = float_array(value, name)
     if shape is not None and not (
         array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     ):
@@ -46,31 +36,75 @@ def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None)
     return array
 
 
+def float_array(value: Any, name: str) -> Array:
+    """Copy ``value`` into a float64 array, whatever its shape, finite or not."""
+    if issparse(value):
+        raise TypeError(f"{name} is a sparse matrix; convert it with .toarray()")
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{name} is a masked array; fill its masked entries with .filled(value)")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} is not rectangular: {error}") from None
+    if array.dtype.kind not in "biuf":
+        kind = (
+            f"a {type(value).__name__}"
+            if array.shape == () and array.dtype == object
+            else f"{array.dtype.name} entries"
+        )
+        raise TypeError(f"{name} must hold real numbers, not {kind}")
+    with np.errstate(over="ignore"):
+        return np.array(array, dtype=float, order="C", subok=False)
+
+
 def symmetric(array: Array, name: str) -> Array:
     """Refuse matrices that are not symmetric; symmetrise rounding."""
     if (array == np.swapaxes(array, -1, -2)).all():
         return array
-    gap = np.abs(array - np.swapaxes(array, -1, -2))
-    scale = np.abs(array).max(axis=(-1, -2), initial=0.0)
-    if (gap.max(axis=(-1, -2), initial=0.0) > 1e-10 * scale).any():
-        i, j = (int(x) for x in np.unravel_index(gap.argmax(), gap.shape)[-2:])
+    half = array / 2
+    gap = np.abs(half - np.swapaxes(half, -1, -2))  # half of the difference, which is never beyond the range
+    if (gap > 0.5e-10 * _greatest_linked(array)[..., None]).any():
+        index = tuple(int(i) for i in np.unravel_index(gap.argmax(), gap.shape))
+        where, (i, j) = _member(name, index[:-2]), index[-2:]
         raise ValueError(
-            f"{name} is not symmetric: entries [{i}, {j}] and [{j}, {i}] differ by {gap.max():.3g}; "
-            f"pass ({name} + {name}.T) / 2 if that is what you mean"
+            f"{where} is not symmetric: entries [{i}, {j}] and [{j}, {i}] differ by {2 * float(gap.max()):.3g}; "
+            f"pass ({where} + {where}.T) / 2 if that is what you mean"
         )
-    return (array + np.swapaxes(array, -1, -2)) / 2
+    return half + np.swapaxes(half, -1, -2)
 
 
 def positive_semidefinite(array: Array, name: str) -> Array:
-    """Refuse symmetric matrices with an eigenvalue below zero (beyond rounding)."""
+    """Refuse symmetric matrices with an eigenvalue below zero (beyond rounding).
+
+    States that no entry links are judged apart, so that great ones don't hide small ones.
+    """
     array = symmetric(array, name)
-    eigenvalues = np.linalg.eigvalsh(array)
-    least, scale = eigenvalues.min(axis=-1), np.abs(eigenvalues).max(axis=-1)
-    if (least < -1e-12 * scale).any():
-        raise ValueError(
-            f"{name} is not positive semidefinite: its least eigenvalue is {least.min():.6g}; it must be >= 0"
-        )
+    scale = _greatest_linked(array)
+    eigenvalues, vectors = np.linalg.eigh(array / np.where(scale > 0, scale, 1.0)[..., None])
+    least = eigenvalues[..., 0]
+    if (least < -1e-12 * np.abs(eigenvalues).max(axis=-1)).any():
+        index = np.unravel_index(least.argmin(), least.shape)
+        worst = float(least[index] * scale[index][np.abs(vectors[index][:, 0]).argmax()])
+        where = _member(name, tuple(int(i) for i in index))
+        raise ValueError(f"{where} is not positive semidefinite: its least eigenvalue is {worst:.6g}; it must be >= 0")
     return array
+
+
+def _member(name: str, index: tuple[int, ...]) -> str:
+    """One matrix of a batch."""
+    return f"{name}[{', '.join(map(str, index))}]" if index else name
+
+
+def _greatest_linked(array: Array) -> Array:
+    """The greatest entry among the states that a state is linked with by entries other than zero, for each state."""
+    size = np.abs(array)
+    size = np.maximum(size, np.swapaxes(size, -1, -2))
+    greatest = size.max(axis=-1, initial=0.0)
+    while True:
+        further = np.maximum(greatest, np.where(size > 0, greatest[..., None, :], 0.0).max(axis=-1, initial=0.0))
+        if (further == greatest).all():
+            return greatest
+        greatest = further
 
 
 def frozen(array: Frozen) -> Frozen:
@@ -133,6 +167,13 @@ def require_memory(size: float, what: str, instead: str) -> None:
     """Refuse what would take more than `MEMORY`, before it takes any."""
     if size > MEMORY:
         raise ValueError(f"{what} would take {size:.3g} bytes, and at most {MEMORY:.0e} are allowed; {instead}")
+
+
+def flag(value: Any, name: str) -> bool:
+    """Check a choice between True and False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be True or False, not {value!r}")
+    return bool(value)
 
 
 def sampling_period(dt: Any, name: str = "dt") -> float | bool:
