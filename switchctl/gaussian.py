@@ -29,6 +29,8 @@ class Gaussian:
         semidefinite.
     TypeError
         If the entries are not real numbers.
+    FloatingPointError
+        From the methods, if what is asked for exceeds the floating-point range.
 
     Examples
     --------
@@ -67,7 +69,7 @@ class Gaussian:
         Raises
         ------
         ValueError
-            If there are fewer than two samples.
+            If there are fewer than two samples, or they have no entries.
 
         Examples
         --------
@@ -77,12 +79,17 @@ class Gaussian:
         samples = real_array(samples, "samples", (None, None))
         if len(samples) < 2:
             raise ValueError(f"samples has {len(samples)} row(s); a covariance needs at least two, one sample a row")
-        return cls(samples.mean(axis=0), np.atleast_2d(np.cov(samples, rowvar=False)))
+        if samples.shape[1] == 0:
+            raise ControlDimension(f"samples has shape {samples.shape}; expected at least one column, a state each")
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean, cov = samples.mean(axis=0), np.atleast_2d(np.cov(samples, rowvar=False))
+        return cls(_in_range(mean, "the mean of samples"), _in_range(cov, "the covariance of samples"))
 
     @property
     def second_moment(self) -> Array:
         """``S = mean mean' + cov``, shape (..., n, n)."""
-        return second_moment(self.mean, self.cov)
+        with np.errstate(over="ignore"):
+            return _in_range(second_moment(self.mean, self.cov), "the second moment")
 
     def w2(self, target: Any = 0.0) -> Any:
         """Squared Wasserstein distance to a point: ``||mean - target||^2 + tr cov`` (Proposition 2 of the paper).
@@ -104,8 +111,11 @@ class Gaussian:
         target = real_array(target, "target")
         if target.ndim and target.shape[-1] != self.mean.shape[-1]:
             raise ControlDimension(f"target has shape {target.shape}; expected (..., {self.mean.shape[-1]})")
-        shift = self.mean - target
-        return np.sum(shift**2, axis=-1) + np.trace(self.cov, axis1=-2, axis2=-1)
+        _broadcast(self, np.shape(target)[:-1], "target")
+        with np.errstate(over="ignore"):
+            shift = self.mean - target
+            w2 = np.sum(shift**2, axis=-1) + np.trace(self.cov, axis1=-2, axis2=-1)
+        return _in_range(w2, "W2")
 
     def about(self, point: Any) -> Self:
         """The same Gaussian in deviations from a point, such as an operating point that is to be reached.
@@ -124,7 +134,9 @@ class Gaussian:
         >>> Gaussian([5.0, 1.0], np.eye(2)).about([4.0, 0.0]).mean
         array([1., 1.])
         """
-        return type(self)(self.mean - real_array(point, "point", (self.mean.shape[-1],)), self.cov)
+        with np.errstate(over="ignore"):
+            shifted = self.mean - real_array(point, "point", (self.mean.shape[-1],))
+        return type(self)(_in_range(shifted, "mean - point"), self.cov)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.mean, self.cov)  # so that copies are checked and read-only too
@@ -165,17 +177,46 @@ def wasserstein(a: Gaussian, b: Gaussian) -> Any:
     >>> print(wasserstein(a, b))
     5.0
     """
-    for argument in (a, b):
+    for name, argument in (("a", a), ("b", b)):
         if not isinstance(argument, Gaussian):
-            raise TypeError(f"wasserstein compares two Gaussians; got a {type(argument).__name__}")
+            raise TypeError(f"{name}: wasserstein compares two Gaussians; got a {type(argument).__name__}")
     if a.mean.shape[-1] != b.mean.shape[-1]:
         raise ControlDimension(f"a has dimension {a.mean.shape[-1]} and b has {b.mean.shape[-1]}; expected equal")
-    A, B = _square_root(a.cov), _square_root(b.cov)
+    _broadcast(a, b.mean.shape[:-1], "b")
+    shift = a.mean / 2 - b.mean / 2  # which is never beyond the range
+    size = np.maximum(np.abs(shift).max(axis=-1), np.sqrt(np.maximum(_greatest(a.cov), _greatest(b.cov))))
+    unit = np.exp2(np.floor(np.log2(np.where(size > 0, size, 1.0))))[..., None, None]
+    A, B = _square_root(a.cov / unit / unit), _square_root(b.cov / unit / unit)
     left, _, right = np.linalg.svd(B @ A)
     bures = A - B @ left @ right
-    return np.sqrt(np.sum((a.mean - b.mean) ** 2, axis=-1) + np.sum(bures**2, axis=(-2, -1)))
+    shift = 2 * (shift / unit[..., 0])
+    with np.errstate(over="ignore"):
+        distance = unit[..., 0, 0] * np.sqrt(np.sum(shift**2, axis=-1) + np.sum(bures**2, axis=(-2, -1)))
+    return _in_range(distance, "the distance")
 
 
 def _square_root(cov: Array) -> Array:
     eigenvalues, vectors = np.linalg.eigh(cov)
     return (vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _greatest(cov: Array) -> Array:
+    """The greatest variance."""
+    return np.asarray(np.diagonal(cov, axis1=-2, axis2=-1).max(axis=-1))
+
+
+def _broadcast(a: Gaussian, batch: tuple[int, ...], name: str) -> None:
+    """Refuse a batch that doesn't go with that of a Gaussian."""
+    try:
+        np.broadcast_shapes(a.mean.shape[:-1], batch)
+    except ValueError:
+        raise ControlDimension(
+            f"{name} is a batch of shape {batch}, and the Gaussian one of {a.mean.shape[:-1]}; they don't broadcast"
+        ) from None
+
+
+def _in_range(value: Any, what: str) -> Any:
+    """Refuse what has left the floating-point range."""
+    if not np.isfinite(value).all():
+        raise FloatingPointError(f"{what} exceeds the floating-point range; scale the state")
+    return value
