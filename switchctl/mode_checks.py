@@ -1,10 +1,11 @@
 """What a `ModeSet` is given, checked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 import numpy as np
 from control import ControlDimension
+from scipy.sparse import issparse
 
 from switchctl.moments import Array
 from switchctl.validation import frozen, number, positive_semidefinite, real_array
@@ -14,15 +15,12 @@ Cost = Literal["total", "average"] | tuple[Literal["discounted"], float]
 
 def stack(matrices: Any) -> Array:
     """The A_i in one array, shape (m, n, n)."""
-    if isinstance(matrices, np.ndarray):
+    if isinstance(matrices, np.ndarray) or issparse(matrices):
         array = real_array(matrices, "matrices")
+    elif not isinstance(matrices, Iterable) or isinstance(matrices, str | Mapping):
+        raise TypeError(f"matrices must be the A_i, shape (m, n, n); got a {type(matrices).__name__}")
     else:
-        try:
-            each = [real_array(matrix, f"matrices[{i}]", (None, None)) for i, matrix in enumerate(matrices)]
-        except TypeError as error:
-            if hasattr(matrices, "__iter__"):
-                raise
-            raise TypeError(f"matrices must be the A_i, shape (m, n, n); got {matrices!r}") from error
+        each = [real_array(matrix, f"matrices[{i}]", (None, None)) for i, matrix in enumerate(matrices)]
         shapes = {matrix.shape for matrix in each}
         if len(shapes) > 1:
             raise ControlDimension(f"matrices have shapes {sorted(shapes)}; expected one n by n for all modes")
@@ -63,7 +61,7 @@ def cost(value: Any) -> Cost:
     """What is added up for ever."""
     if isinstance(value, str) and value in ("total", "average"):
         return value  # type: ignore[return-value]
-    if isinstance(value, tuple) and len(value) == 2 and value[0] == "discounted":
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and value[0] == "discounted":
         factor = number(value[1], "the discount factor")
         if not 0 < factor < 1:
             raise ValueError(f"the discount factor is {factor}; expected a number strictly between 0 and 1")
@@ -75,7 +73,7 @@ def names(names: Iterable[str] | None, count: int, argument: str, default: str) 
     """Distinct names, or default ones with their numbers."""
     if names is None:
         return tuple(default.format(i) for i in range(count))
-    names = names if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
+    names = tuple(names) if isinstance(names, Iterable) and not isinstance(names, str | set | frozenset) else names
     if not isinstance(names, tuple) or not all(isinstance(name, str) and name for name in names):
         raise TypeError(f"{argument} must be a sequence of non-empty strings; got {names!r}")
     if len(names) != count:

@@ -64,12 +64,14 @@ class Mode:
         Returns
         -------
         control.StateSpace
+            Of the mode's name, with "_" for ".", which python-control doesn't allow there.
         """
         import control
 
         n = len(self.A)
         no_input = np.zeros((n, 0))
-        return control.ss(self.A, no_input, np.eye(n), no_input, self.dt, name=self.name, states=list(self.states))
+        name = self.name.replace(".", "_")
+        return control.ss(self.A, no_input, np.eye(n), no_input, self.dt, name=name, states=list(self.states))
 
 
 _VERDICTS = {
@@ -316,6 +318,8 @@ class ModeSet:
             if mode not in self.names:
                 raise KeyError(f"no mode is named {mode!r}; the modes are {', '.join(self.names)}")
             return self.names.index(mode)
+        if isinstance(mode, np.ndarray) and mode.ndim == 0:
+            mode = mode[()]
         if isinstance(mode, bool) or not isinstance(mode, (int, np.integer)):
             raise TypeError(f"a mode is given by its index or its name, not {mode!r} ({type(mode).__name__})")
         if not -len(self) <= mode < len(self):
