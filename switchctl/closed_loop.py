@@ -14,7 +14,16 @@ from switchctl.feedback import Loops, blocks, closed, sampled_loops, waiting
 from switchctl.inactive import Inactive
 from switchctl.modes import Cost, ModeSet
 from switchctl.moments import Array
-from switchctl.sampling import Sampling, common_period, plant_system, recipe, sampled, sampled_noise, sampling_method
+from switchctl.sampling import (
+    Sampling,
+    common_period,
+    finite_named,
+    plant_system,
+    recipe,
+    sampled,
+    sampled_noise,
+    sampling_method,
+)
 from switchctl.validation import frozen, positive_semidefinite, real_array
 
 _DEFAULT_PERIOD = 0.01  # s
@@ -66,11 +75,21 @@ class ClosedLoops(ModeSet):
         **keywords: Any,
     ) -> None:
         super().__init__(matrices, names, dt, **keywords)
-        object.__setattr__(self, "plant", None if plant is None else control.StateSpace(plant))
+        for name, told, kind in (("plant", plant, control.StateSpace), ("controllers", controllers, Controllers)):
+            if told is not None and not isinstance(told, kind):
+                raise TypeError(f"{name} must be a {kind.__name__} or None, not a {type(told).__name__}")
+        if plant is not None:
+            plant = control.StateSpace(plant)
+            finite_named(plant, "plant")
+            if plant.nstates != self.plant_states:
+                raise control.ControlDimension(f"plant has {plant.nstates} states; expected {self.plant_states}")
+            for matrix in "ABCD":
+                frozen(getattr(plant, matrix))
+        object.__setattr__(self, "plant", plant)
         object.__setattr__(self, "controllers", controllers)
         noises = {"process_noise": process_noise, "measurement_noise": measurement_noise}
         for name, value in {**noises, "error_covariance": error_covariance}.items():
-            object.__setattr__(self, name, None if value is None else frozen(np.array(value)))
+            object.__setattr__(self, name, None if value is None else frozen(real_array(value, name)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild, arguments = super().__reduce__()
@@ -183,7 +202,7 @@ def close_loops(
     >>> modes.states
     ('angle', 'rate', 'lead.x[0]')
     """
-    if discretize not in ("plant", "closed_loop"):
+    if not isinstance(discretize, str) or discretize not in ("plant", "closed_loop"):
         raise ValueError(f"discretize is {discretize!r}; expected 'plant' or 'closed_loop'")
     plant, continuous = plant_system(plant), discretize == "closed_loop"
     names, entries = _entries(controllers)
@@ -205,7 +224,7 @@ def close_loops(
         _refuse_for_static(told, what, each)
     noise = np.zeros((len(each), plant.nstates, plant.nstates))
     if W is not None:
-        noise = mode_checks.noise([[W]] if np.ndim(W) == 0 else W, noise.shape)
+        noise = mode_checks.noise(_matrix(W, "W", plant.nstates), noise.shape)
     measured = None if V is None else _weight(V, "V", plant.noutputs)
     if continuous and not (V is None and estimator is None):
         raise ValueError("V and estimator are of samples; loops closed in continuous time have none")
@@ -220,10 +239,11 @@ def close_loops(
     A, entire = loops.A, np.zeros_like(loops.A)
     entire[:, :n, :n] = noise
     if measured is not None:
-        entire = entire + loops.noise @ measured @ np.swapaxes(loops.noise, -1, -2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            entire = entire + loops.noise @ measured @ np.swapaxes(loops.noise, -1, -2)
     if continuous:
         A, entire = sampled_loops(A, entire, float(period), list(waiting(n, each, behaviours)))
-    if not np.isfinite(A).all():
+    if not (np.isfinite(A).all() and np.isfinite(entire).all()):
         raise ValueError(f"sampling with dt = {period} s overflows; choose a shorter period")
     weight, offset = _costs(Q, R, loops, n, measured)
     identity, nothing = np.eye(n), np.zeros((n, z))
@@ -249,26 +269,53 @@ def close_loops(
     )
 
 
+def digital(modes: Any) -> ClosedLoops:
+    """Loops with controllers that run at the samples."""
+    if not isinstance(modes, ClosedLoops):
+        what = "a plain ModeSet, as of a schedule read from a file, knows no plant and no controllers"
+        what = what if isinstance(modes, ModeSet) else ""
+        raise TypeError(
+            f"modes must be what close_loops returns, not a {type(modes).__name__}" + (f": {what}" if what else "")
+        )
+    if modes.controllers is None:
+        raise ValueError(
+            "these loops were closed in continuous time, so no controller runs at the samples; "
+            'close them with discretize="plant"'
+        )
+    return modes
+
+
 def _costs(Q: Any, R: Any, loops: Loops, n: int, measured: Array | None) -> tuple[Array, Array]:
     """The stage weights of the whole state, and what the effort that measurement noise makes costs in each mode."""
     m, size, q = len(loops.A), loops.A.shape[-1], loops.gains.shape[1]
     weight = np.zeros((size, size))
     weight[:n, :n] = np.eye(n)
     if Q is not None:
-        counted = size if np.shape(Q) == (size, size) else n
-        weight[:counted, :counted] = _weight(Q, "Q", counted)
+        told = _matrix(Q, "Q", n)
+        counted = size if told.shape == (size, size) else n
+        weight[:counted, :counted] = _weight(told, "Q", counted)
     if R is None:
         return weight, np.zeros(m)
     effort = _weight(R, "R", q)
     offset = np.zeros(m)
-    if measured is not None:
-        offset = np.einsum("kij,jl,kml,im->k", loops.by_noise, measured, loops.by_noise, effort)
-    return weight + np.swapaxes(loops.gains, -1, -2) @ effort @ loops.gains, offset
+    with np.errstate(over="ignore", invalid="ignore"):
+        if measured is not None:
+            offset = np.einsum("kij,jl,kml,im->k", loops.by_noise, measured, loops.by_noise, effort)
+        weights = weight + np.swapaxes(loops.gains, -1, -2) @ effort @ loops.gains
+    if not (np.isfinite(weights).all() and np.isfinite(offset).all()):
+        raise ValueError("R: the cost of the effort, K' R K, exceeds the floating-point range; scale inputs or states")
+    return weights, offset
 
 
 def _weight(value: Any, name: str, n: int) -> Array:
     """A symmetric positive semidefinite matrix; a number will do for one by one."""
-    return positive_semidefinite(real_array([[value]] if np.ndim(value) == 0 else value, name, (n, n)), name)
+    return positive_semidefinite(real_array(_matrix(value, name, n), name, (n, n)), name)
+
+
+def _matrix(value: Any, name: str, n: int) -> Array:
+    """An array of any shape, or a number for one by one."""
+    array = real_array(value, name)
+    return array.reshape(1, 1) if array.ndim == 0 and n == 1 else array
 
 
 def _entries(controllers: Any) -> tuple[list[str], list[Any]]:
@@ -280,6 +327,9 @@ def _entries(controllers: Any) -> tuple[list[str], list[Any]]:
         raise TypeError(f"controllers must be a dict or a list of controllers, not a {type(controllers).__name__}")
     if not entries:
         raise ValueError("controllers is empty; give at least one controller")
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"controllers has an entry named {name!r}; names must be non-empty strings")
     return names, entries
 
 

@@ -12,12 +12,12 @@ from switchctl.inactive import (
     check_initial,
     inactive_behaviour,
     initial_map,
-    reset_map,
     tracking_gain,
     tracking_noise,
 )
 from switchctl.moments import Array
 from switchctl.sampling import Sampling, realised, same_period, sampled
+from switchctl.storage import affordable
 from switchctl.validation import frozen, real_array
 
 
@@ -222,6 +222,7 @@ def assembled(
     m, n, p, q = len(each), plant.nstates, plant.noutputs, plant.ninputs
     ends = np.cumsum([0, *(len(c.F) for c in each)])
     z = int(ends[-1]) + (0 if observer is None else n)
+    affordable(3 * 8 * (m * (z + n)) ** 2, f"what switches among {m} controllers with {z} states in all do")
     estimate = slice(ends[-1], z)
     F, Gu, Gx, Gy = np.zeros((m, z, z)), np.zeros((m, z, q)), np.zeros((m, z, n)), np.zeros((m, z, p))
     Hz, Hx, Hy = np.zeros((m, q, z)), np.zeros((m, q, n)), np.zeros((m, q, p))
@@ -239,6 +240,9 @@ def assembled(
         check_initial(initial[j], c.label)
         if len(c.F) == 0:
             continue
+        if matrix is not None:
+            what, wide = ("tracking gain", len(c.H)) if kind == "track" else ("reset", n)
+            matrix = real_array(matrix, f"the {what} of {c.label}", (len(c.F), wide))
         if m == 1:  # it is never inactive
             kind = "run"
         others = np.arange(m) != j
@@ -257,7 +261,7 @@ def assembled(
             F[others, own, own] = 0 * c.F if continuous else np.eye(len(c.F))
         else:
             E[others, j, own] = 0.0
-            reset[others, j, own] = reset_map(matrix, len(c.F), n, c.label)
+            reset[others, j, own] = 0.0 if matrix is None else matrix
     states = sum((c.states for c in each), ())
     if observer is not None:  # xe+ = A xe + B u + L (y - C xe - D u)
         L = observer

@@ -42,8 +42,11 @@ def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | 
             raise ValueError("estimator='kalman' needs V, the covariance of the measurement noise, positive definite")
         try:
             L = np.asarray(control.dlqe(plant.A, np.eye(plant.nstates), plant.C, W[0], V)[0], dtype=float)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise ValueError(f"no Kalman gain was found: {error}") from None
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:  # ArithmeticError: of slycot
+            raise ValueError(
+                f"no Kalman gain was found ({' '.join(str(error).split())}); the plant may have an unstable state that "
+                "its output doesn't show, or one on the unit circle that no noise moves (give W)"
+            ) from None
     else:
         L = real_array(estimator, "estimator", (plant.nstates, plant.noutputs))
     if not is_schur(plant.A - L @ plant.C):

@@ -25,18 +25,20 @@ class Loops(NamedTuple):
 def closed(plant: control.StateSpace, controllers: Controllers) -> Loops:
     """The loops of one plant with each controller, in the whole state z = (x, zeta)."""
     A, B, C, D = plant.A, plant.B, plant.C, plant.D
-    loop = np.eye(plant.ninputs) + controllers.Hy @ D
+    with np.errstate(over="ignore", invalid="ignore"):
+        loop = np.eye(plant.ninputs) + controllers.Hy @ D
     for name, Hy, each in zip(controllers.names, controllers.Hy, loop, strict=True):
-        # of what cancels where the loop is ill-posed
-        size = 1 + np.linalg.norm(Hy, 2) * np.linalg.norm(D, 2)
-        condition = size / max(np.linalg.norm(each, -2), np.finfo(float).tiny)
+        least = float(np.linalg.norm(each, -2)) if np.isfinite(each).all() else 0.0
+        # relative to what cancels where the loop is ill-posed
+        condition = (1 + float(np.linalg.norm(Hy, 2)) * float(np.linalg.norm(D, 2))) / least if least else np.inf
         if not condition < _ILL_POSED:
             raise ValueError(
                 f"the loop of controllers[{name!r}] is ill-posed, or nearly so: I + K D, D the plant's feedthrough, "
                 f"has condition number {condition:.3g} (at most {_ILL_POSED:.0e} is accepted); change the gain or "
                 "the feedthrough"
             )
-    gains = np.linalg.solve(loop, np.concatenate([controllers.Hx + controllers.Hy @ C, controllers.Hz], axis=2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        gains = np.linalg.solve(loop, np.concatenate([controllers.Hx + controllers.Hy @ C, controllers.Hz], axis=2))
     by_noise = np.linalg.solve(loop, controllers.Hy)
     m, z = len(gains), len(controllers.states)
     # x+ = A x + B u and zeta+ = F zeta + Gx x + Gy (C x + D u + v) + Gu u, with u = -gains z - by_noise v
@@ -45,7 +47,13 @@ def closed(plant: control.StateSpace, controllers: Controllers) -> Loops:
     into = np.concatenate([np.broadcast_to(B, (m, *B.shape)), controllers.Gu + controllers.Gy @ D], axis=1)
     direct = np.concatenate([np.zeros((m, len(A), len(C))), controllers.Gy], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
-        return Loops(open_loop - into @ gains, gains, direct - into @ by_noise, by_noise)
+        loops = Loops(open_loop - into @ gains, gains, direct - into @ by_noise, by_noise)
+    for name, *parts in zip(controllers.names, *loops, strict=True):
+        if not all(np.isfinite(part).all() for part in parts):
+            raise ValueError(
+                f"the loop of controllers[{name!r}] exceeds the floating-point range; scale the states or the inputs"
+            )
+    return loops
 
 
 def blocks(A: Array, B: Array, C: Array, D: Array) -> Array:

@@ -69,7 +69,7 @@ def tracking_gain(F: Array, H: Array, noise: TrackingNoise, gain: Any, label: st
         The controller, sampled or continuous as the noise is.
     noise : TrackingNoise
         What the Kalman gain is computed for.
-    gain : array_like, shape (states, outputs), or None
+    gain : array, shape (states, outputs), or None
         L, where the user gives it.
     label : str
         The controller's name in messages.
@@ -80,7 +80,7 @@ def tracking_gain(F: Array, H: Array, noise: TrackingNoise, gain: Any, label: st
     """
     L: Array | None = None
     if gain is not None:
-        L = real_array(gain, f"the tracking gain of {label}", (len(F), len(H)))
+        L = gain
     else:
         try:
             if noise.sampled:
@@ -108,13 +108,6 @@ def tracking_gain(F: Array, H: Array, noise: TrackingNoise, gain: Any, label: st
     raise ValueError(
         f"the tracking gain leaves {label} unstable while it is inactive: F - L H has {told}; choose another gain"
     )
-
-
-def reset_map(value: Any, states: int, plant_states: int, label: str) -> Array:
-    """The state that a controller is reset to, as a function of the plant's."""
-    if value is None:
-        return np.zeros((states, plant_states))
-    return real_array(value, f"the reset of {label}", (states, plant_states))
 
 
 def check_initial(value: Any, label: str) -> None:

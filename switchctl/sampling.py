@@ -13,6 +13,7 @@ from switchctl.validation import number, real_array, sampling_period
 
 Sampling = str | tuple[str, float]
 """A method of `control.sample_system`, or a method and the frequency in rad/s at which it is to be exact."""
+_METHODS = ("tustin", "bilinear", "zoh", "foh", "euler", "backward_diff", "impulse")
 
 
 def realised(system: control.StateSpace | control.TransferFunction, name: str) -> control.StateSpace:
@@ -25,8 +26,7 @@ def realised(system: control.StateSpace | control.TransferFunction, name: str) -
                     "realisation; filter it, as a derivative s is to s / (1 + s tau)"
                 )
         system = control.ss(system) if system.issiso() else _by_entries(system)
-    for matrix in "ABCD":
-        real_array(getattr(system, matrix), f"{name}.{matrix}")
+    finite_named(system, name)
     return system
 
 
@@ -41,6 +41,19 @@ def _by_entries(system: control.TransferFunction) -> control.StateSpace:
         states = slice(at, at := at + part.nstates)
         B[states, j], C[i, states], D[i, j] = part.B[:, 0], part.C[0], part.D[0, 0]
     return control.ss(A, B, C, D, system.dt)
+
+
+def finite_named(system: control.StateSpace, name: str) -> None:
+    """Refuse a system with entries that are not finite, or signals that share a name."""
+    for matrix in "ABCD":
+        real_array(getattr(system, matrix), f"{name}.{matrix}")
+    for what, labels, count in (
+        ("states", system.state_labels, system.nstates),
+        ("inputs", system.input_labels, system.ninputs),
+        ("outputs", system.output_labels, system.noutputs),
+    ):
+        if len(labels) != count:  # python-control keeps one of those that share a name
+            raise ValueError(f"{name} has {count} {what} with names {', '.join(labels)}; give each a name of its own")
 
 
 def recipe(system: control.StateSpace) -> Callable[[], control.StateSpace]:
@@ -103,10 +116,13 @@ def common_period(plant: control.StateSpace, dt: Any, controllers: list[Any], de
 
 def sampling_method(how: Any) -> Sampling:
     """Check how a controller is to be sampled."""
-    if isinstance(how, str):
-        return how
     if isinstance(how, tuple) and len(how) == 2 and isinstance(how[0], str):
+        sampling_method(how[0])
         return how[0], number(how[1], "the frequency in sampling")
+    if isinstance(how, str):
+        if how not in _METHODS:
+            raise ValueError(f"sampling is {how!r}; expected one of {', '.join(_METHODS)}")
+        return how
     raise TypeError(f"sampling is {how!r}; expected a method such as 'tustin', or ('tustin', frequency in rad/s)")
 
 
@@ -154,9 +170,14 @@ def sampled_noise(A: Array, W: Array, period: float) -> Array:
     Returns
     -------
     array, shape (n, n)
+        Infinite beyond the floating-point range.
     """
     n = len(A)
-    halvings = max(0, int(np.ceil(np.log2(max(float(np.linalg.norm(A, 1)) * period, 1e-300)))))
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(A, 1)) * period
+    if not np.isfinite(size):
+        return np.full_like(W, np.inf)
+    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300)))))
     whole = np.block([[-A, W], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
     both = expm(whole)
     step = both[n:, n:].T

@@ -307,7 +307,7 @@ INTEGRATOR = control.tf([1.0], [1.0, 0.0])
         (control.tf([1], [1, 1], 0.5), {}, ValueError, "dt = 0.5, but the modes are sampled with dt = 0.01"),
         (control.tf([1], [1, 1], None), {}, ValueError, "has states and dt = None"),
         (control.tf([1], [1, 1], 0.01), {"discretize": "closed_loop"}, ValueError, "can't be closed in continuous"),
-        (control.tf([1], [1, 1]), {"sampling": "foo"}, ValueError, r"can't be sampled by 'foo'"),
+        (control.tf([1], [1, 1]), {"sampling": "foo"}, ValueError, "sampling is 'foo'; expected one of tustin"),
         (control.tf([1], [1, 1]), {"sampling": {"d": "zoh"}}, KeyError, "names 'd', and the controllers are k, c"),
         (control.tf([1], [1, 1]), {"inactive": "sleep"}, ValueError, "is 'sleep'; expected 'track'"),
         (control.tf([1], [1, 1]), {"inactive": ("hold", [[1.0]])}, ValueError, "expected 'track'"),
