@@ -6,13 +6,14 @@ from typing import Any
 import control
 import numpy as np
 
-from switchctl.closed_loop import ClosedLoops
+from switchctl.closed_loop import ClosedLoops, digital
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method, Scheduler
 from switchctl.methods.boundary import require_method, started
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
 from switchctl.rules import Rules
+from switchctl.validation import flag, real_array
 
 
 def scheduler_system(
@@ -67,7 +68,7 @@ def scheduler_system(
     """
     scheduler = _started(method, modes, rules)
     n = modes.A.shape[-1]
-    entries = [f"P[{i},{j}]" for i in range(n) for j in range(n)] if covariance else []
+    entries = [f"P[{i},{j}]" for i in range(n) for j in range(n)] if flag(covariance, "covariance") else []
     return _system(_Deciding(scheduler, n), [*modes.states, *entries], [], [], scheduler, name)
 
 
@@ -130,13 +131,8 @@ def switched_controller(
     >>> response.outputs[3].tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
     """
-    if not isinstance(modes, ClosedLoops):
-        raise TypeError(f"modes must come from close_loops, which knows plant and controllers, not {type(modes)}")
-    if modes.plant is None or modes.controllers is None:
-        raise ValueError(
-            "the loops were closed in continuous time, so no controller runs at the samples; "
-            "make the modes by close_loops(.., discretize='plant')"
-        )
+    modes = digital(modes)
+    assert modes.plant is not None and modes.controllers is not None
     scheduler = _started(method, modes, rules)
     if modes.estimate_states:
         if modes.plant.D.any():
@@ -184,6 +180,7 @@ class _Controlling(_Deciding):
 
     def sample(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         scheduler, controllers = self.scheduler, self.controllers
+        state, inputs = real_array(state, "state"), real_array(inputs, "inputs")
         zeta, scheduler.memory = np.split(state, [len(controllers.states)])
         y, before, estimated = self.C @ inputs, scheduler.last, self.modes.estimate_states
         x = np.zeros(self.n) if estimated else inputs[: self.n]
@@ -192,8 +189,11 @@ class _Controlling(_Deciding):
         known = zeta[len(zeta) - self.n :] if estimated else x
         mode = scheduler.step(np.concatenate([known, zeta]), self.modes.error_covariance)
         zeta = controllers.activated(before, mode, zeta, x)
-        u = np.linalg.solve(self.loops[mode], controllers.output(mode, zeta, x, y))
-        zeta = controllers.updated(mode, zeta, x, y + self.D @ u, u)
+        with np.errstate(over="ignore", invalid="ignore"):
+            u = np.linalg.solve(self.loops[mode], controllers.output(mode, zeta, x, y))
+            zeta = controllers.updated(mode, zeta, x, y + self.D @ u, u)
+        if not (np.isfinite(u).all() and np.isfinite(zeta).all()):
+            raise FloatingPointError("the controllers' output or state exceeds the floating-point range")
         return np.append(u, mode), np.concatenate([zeta, scheduler.memory])
 
 
@@ -229,6 +229,8 @@ def _system(
     name: str,
 ) -> control.NonlinearIOSystem:
     """The block."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"name must be a non-empty string, not {name!r}")
     inputs = [label.replace(".", "_") for label in inputs]  # python-control lets only states have dots
     outputs = [*outputs, "index"]
     signals = [*inputs, *outputs]

@@ -49,6 +49,8 @@ def overflow(modes: ModeSet, F: Array, k: int) -> str:
             f"a controller's state, {modes.states[great[0]]!r}, exceeds the floating-point range after step {k}: it "
             "grows while another controller acts; choose inactive='track' or 'reset' for it"
         )
+    if k < 0:
+        return "W2 exceeds the floating-point range at the start; scale the state"
     return f"W2 exceeds the floating-point range after step {k}; use a method that keeps the state bounded"
 
 

@@ -332,11 +332,11 @@ GAINS = {"stiff": [[40.0, 10.0]], "soft": [[1.0, 1.0]]}
     [
         (lambda: switched_controller("pointwise", close_loops(axis(), GAINS)), TypeError, "method must be a Method"),
         (lambda: scheduler_system(None, five_mode.modes()), TypeError, "method must be a Method"),
-        (lambda: switched_controller(Rollout(), five_mode.modes()), TypeError, "must come from close_loops"),
+        (lambda: switched_controller(Rollout(), five_mode.modes()), TypeError, "what close_loops returns"),
         (
             lambda: switched_controller(Rollout(), quadrotor.modes("closed_loop")),
             ValueError,
-            r"closed in continuous time.*discretize='plant'",
+            r"closed in continuous time.*discretize=\"plant\"",
         ),
         (
             lambda: switched_controller(Rollout(), close_loops(axis(inputs=["index"]), GAINS)),

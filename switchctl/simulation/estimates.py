@@ -34,7 +34,8 @@ class MonteCarlo:
     predicted : array, shape (s, N)
         W2.
     mean, standard_error : arrays, shape (s, N)
-        Of ``||x||^2``, the distance to the operating point, over the runs counted; NaN where none or one is left.
+        Of ``||x||^2``, the distance to the operating point, over the runs counted; NaN where none or one is left, and
+        infinite beyond the floating-point range.
     counted : int array, shape (s, N)
         The runs behind each mean: all, less those that have stopped before that step.
     stops : tuple of (int, str), for each schedule
@@ -74,7 +75,8 @@ class MonteCarlo:
         of a run depend on each other, so a prediction that is off is off for many steps in a row.
         """
         half = NormalDist().inv_cdf((1 + self.confidence) / 2) * self.standard_error
-        return self.mean - half, self.mean + half
+        with np.errstate(invalid="ignore"):
+            return self.mean - half, self.mean + half
 
     @property
     def inside(self) -> Array:
@@ -82,7 +84,7 @@ class MonteCarlo:
 
         Only steps that no run has stopped before count: after that, the mean is of those that went on.
         """
-        (low, high), slack = self.band, _ROUNDING * self.predicted
+        (low, high), slack = self.band, _ROUNDING * self.predicted + np.finfo(float).tiny
         within = (low - slack <= self.predicted) & (self.predicted <= high + slack)
         whole = self.counted == self.samples
         return np.array([within[i, whole[i]].mean() for i in range(len(self.labels))])
@@ -137,10 +139,11 @@ class MonteCarlo:
 
 
 class Tally:
-    """Count, mean and sum of squared deviations at each step, gathered block by block.
+    """Count, mean and norm of the deviations at each step, gathered block by block.
 
     The deviations are from the block's mean, and blocks are merged by the formula of Chan, Golub and LeVeque (The
-    American Statistician 37, 1983), so that no digits are lost where the deviations are small.
+    American Statistician 37, 1983), so that no digits are lost where the deviations are small. Their squares are never
+    formed, so that they don't leave the floating-point range before the deviations themselves.
 
     Parameters
     ----------
@@ -150,23 +153,37 @@ class Tally:
 
     def __init__(self, steps: int) -> None:
         self.count = np.zeros(steps, dtype=np.intp)
-        self.mean, self.squares = np.zeros(steps), np.zeros(steps)
+        self.mean, self.spread = np.zeros(steps), np.zeros(steps)
 
-    def add(self, count: Any, mean: Array, squares: Array) -> None:
+    def add(self, count: Any, mean: Array, spread: Array) -> None:
         """Merge a block, described by the same three."""
         total = self.count + count
-        share, away = count / np.maximum(total, 1), mean - self.mean
-        self.squares = self.squares + squares + away**2 * self.count * share
-        self.mean, self.count = self.mean + away * share, total
+        share = count / np.maximum(total, 1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            away = mean - self.mean
+            between = np.abs(away) * np.sqrt(self.count * share)
+            self.spread = np.hypot(np.hypot(self.spread, spread), between)
+            self.mean, self.count = np.where(np.isfinite(away), self.mean + away * share, np.inf), total
 
     def add_runs(self, w2: Array) -> None:
         """Merge runs, shape (runs, steps); NaN after a run has stopped."""
         there = ~np.isnan(w2)
         count = there.sum(axis=0)
-        mean = np.where(there, w2, 0.0).sum(axis=0) / np.maximum(count, 1)
-        self.add(count, mean, np.where(there, (w2 - mean) ** 2, 0.0).sum(axis=0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean = (np.where(there, w2, 0.0) / np.maximum(count, 1)).sum(axis=0)
+            self.add(count, mean, norm(np.where(there, w2 - mean, 0.0)))
 
     def estimates(self) -> tuple[Array, Array]:
-        """The mean and its standard error; NaN where there are too few to tell."""
-        variance = self.squares / np.where(self.count > 1, self.count - 1, np.nan)
-        return np.where(self.count > 0, self.mean, np.nan), np.sqrt(variance / np.maximum(self.count, 1))
+        """The mean and its standard error; NaN where there are too few to tell, infinite beyond the range."""
+        spread = np.where(np.isfinite(self.mean), self.spread, np.inf)
+        freedom = np.where(self.count > 1, self.count - 1, np.nan)
+        return np.where(self.count > 0, self.mean, np.nan), spread / np.sqrt(freedom) / np.sqrt(
+            np.maximum(self.count, 1)
+        )
+
+
+def norm(columns: Array) -> Array:
+    """The Euclidean norm of each column, in the range where the squares of its entries are not."""
+    greatest = np.abs(columns).max(axis=0)
+    unit = np.where(greatest > 0, greatest, 1.0)
+    return np.asarray(unit * np.sqrt(np.sum((columns / unit) ** 2, axis=0)))

@@ -8,16 +8,18 @@ import control
 import numpy as np
 from tqdm import tqdm
 
+from switchctl.closed_loop import digital
 from switchctl.comparison import Comparison
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.moments import Array, moment_factor
 from switchctl.result import Schedule
 from switchctl.sampling import recipe
-from switchctl.simulation.estimates import MonteCarlo, Tally
+from switchctl.simulation.estimates import MonteCarlo, Tally, norm
 from switchctl.simulation.plants import fitting
 from switchctl.simulation.replay import lasting
-from switchctl.simulation.run import digital, simulate
+from switchctl.simulation.run import simulate
 from switchctl.simulation.surroundings import operating_point as _operating_point
+from switchctl.storage import affordable
 from switchctl.validation import number, whole_number
 
 if TYPE_CHECKING:
@@ -77,6 +79,8 @@ def monte_carlo(
     ------
     TypeError, ValueError
         If an argument is of the wrong kind or out of range; as `simulate` does.
+    MemoryError
+        If so many steps would need too much memory.
 
     Examples
     --------
@@ -93,8 +97,9 @@ def monte_carlo(
     samples, seed = whole_number(samples, "samples", 2), whole_number(seed, "seed", 0)
     steps = max(map(len, labelled.values())) if steps is None else whole_number(steps, "steps")
     confidence = number(confidence, "confidence")
-    if not 0 < confidence < 1:
+    if not (0 < confidence and (1 + confidence) / 2 < 1):
         raise ValueError(f"confidence is {confidence!r}; expected a number between 0 and 1, such as 0.99")
+    affordable(8 * 6 * steps * len(labelled), f"{len(labelled)} schedules of {steps} steps")
     long = [lasting(schedule, steps) for schedule in labelled.values()]
     settings = {
         "saturation": saturation,
@@ -153,18 +158,18 @@ def _linear(schedules: list[Schedule], steps: int, draw: _Draws) -> Iterator[_Bl
         for place, schedule in enumerate(schedules):
             random = np.random.default_rng(np.random.SeedSequence(draw.seed, spawn_key=(begin, place)))
             before, X = int(schedule.graph.last_mode[0]), start
-            mean, squares = np.empty(steps), np.empty(steps)
+            mean, spread = np.empty(steps), np.empty(steps)
             for k, mode in enumerate(schedule.sequence[:steps].tolist()):
-                w2 = np.einsum("ij,ij->j", X[:plant], X[:plant])
-                mean[k] = w2.mean()
-                w2 -= mean[k]
-                squares[k] = w2 @ w2
-                X = A[before, mode] @ X
-                if noise is not None:
-                    X += noise[mode] @ random.standard_normal(X.shape)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    w2 = np.einsum("ij,ij->j", X[:plant], X[:plant])
+                    mean[k] = (w2 / len(w2)).sum()
+                    spread[k] = norm(w2 - mean[k])
+                    X = A[before, mode] @ X
+                    if noise is not None:
+                        X += noise[mode] @ random.standard_normal(X.shape)
                 before = mode
             tallies.append(Tally(steps))
-            tallies[-1].add(start.shape[1], mean, squares)
+            tallies[-1].add(start.shape[1], mean, spread)
         yield _Block(start.shape[1], tallies, [[] for _ in schedules])
 
 
@@ -240,7 +245,7 @@ def _gathered(
         with tqdm(total=samples, desc="samples", unit="sample", delay=2, leave=False) as progress:
             for block in blocks:
                 for total, tally in zip(tallies, block.tallies, strict=True):
-                    total.add(tally.count, tally.mean, tally.squares)
+                    total.add(tally.count, tally.mean, tally.spread)
                 for all_stops, found in zip(stops, block.stops, strict=True):
                     all_stops += found
                 done += block.samples
@@ -268,7 +273,8 @@ def _labelled(schedules: Any) -> dict[str, Schedule]:
     elif isinstance(schedules, Schedule):
         schedules = {schedules.method or "schedule": schedules}
     if not isinstance(schedules, Mapping) or not schedules:
-        raise TypeError("schedules must be a Schedule, a dict of them or a Comparison, and not empty")
+        what = "an empty dict" if isinstance(schedules, Mapping) else f"a {type(schedules).__name__}"
+        raise TypeError(f"schedules must be a Schedule, a dict of them or a Comparison, and not empty; got {what}")
     first = None
     for label, schedule in schedules.items():
         if not isinstance(label, str) or not isinstance(schedule, Schedule):

@@ -9,9 +9,10 @@ from scipy.integrate import solve_ivp
 
 from switchctl.closed_loop import ClosedLoops
 from switchctl.moments import Array
-from switchctl.sampling import same_period
+from switchctl.sampling import finite_named, same_period
 from switchctl.validation import number
 
+_LEAST_RTOL = 100 * np.finfo(float).eps
 _PATIENCE = 100  # evaluations that may fail between two samples; each makes the step five times shorter
 
 
@@ -63,8 +64,12 @@ class Plant:
 
     def margin(self, x: Array) -> float:
         """How far inside its domain a state is; NaN is outside."""
-        margin = 1.0 if self.domain is None else float(self.domain(x))
-        return -1.0 if np.isnan(margin) else margin
+        if self.domain is None:
+            return 1.0
+        margin = np.asarray(self.domain(np.array(x)))
+        if margin.ndim or margin.dtype.kind not in "biuf":
+            raise TypeError(f"domain returns {margin.tolist()!r}; expected a number, positive inside the domain")
+        return -1.0 if np.isnan(margin) else float(margin)
 
     def advance(self, t: float, x: Array, u: Array) -> Array:
         """The state at the next sample."""
@@ -120,7 +125,10 @@ class Plant:
 def _told(what: str, function: Callable[..., Any], *arguments: Any) -> Array:
     """What a function of the plant returns, or why that is nothing to go on with."""
     try:
-        value = np.asarray(function(*arguments), dtype=float)
+        value = function(*(np.array(argument) for argument in arguments))  # copies, which it may change
+        if np.iscomplexobj(value):
+            raise TypeError("it is complex")
+        value = np.asarray(value, dtype=float)
     except Exception as error:
         raise Stopped(f"the plant's {what} raised {type(error).__name__}: {error}") from None
     if not np.isfinite(value).all():
@@ -145,6 +153,8 @@ def fitting(system: Any, modes: ClosedLoops) -> Any:
         )
     if system.dt is None or system.dt is False:
         raise ValueError(f"plant.dt is {system.dt}; say whether it is continuous (dt=0) or sampled (its period)")
+    if isinstance(system, control.StateSpace):
+        finite_named(system, "plant")
     if system.dt == 0 and modes.dt is True:
         raise ValueError("plant is continuous, but the modes have no sampling period; close the loops with dt=..")
     if system.dt != 0 and not same_period(system.dt, modes.dt):
@@ -159,4 +169,6 @@ def _tolerance(value: Any, name: str) -> float:
     tolerance = number(value, name)
     if not 0 < tolerance < np.inf:
         raise ValueError(f"{name} is {value!r}; expected a positive number")
+    if name == "rtol" and not _LEAST_RTOL <= tolerance < 1:
+        raise ValueError(f"rtol is {value!r}; expected at least {_LEAST_RTOL:.3g}, rounding, and less than 1")
     return tolerance

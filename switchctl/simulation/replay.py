@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import chain, cycle, islice
 
 from switchctl.result import Schedule
+from switchctl.storage import affordable
 
 
 def lasting(schedule: Schedule, steps: int) -> Schedule:
@@ -16,6 +17,7 @@ def lasting(schedule: Schedule, steps: int) -> Schedule:
             f"steps is {steps}, and the schedule ends after {len(schedule)}: it has a terminal weight or a target, and "
             "no tail"
         )
+    affordable(200 * steps, f"a schedule of {steps} steps")
     lead, tail = schedule.lead, schedule.tail
     more = islice(chain(lead, cycle(tail)), extra)
     turn = max(extra - len(lead), 0) % len(tail)

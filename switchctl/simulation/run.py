@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from switchctl.closed_loop import ClosedLoops
+from switchctl.closed_loop import ClosedLoops, digital
 from switchctl.graph import SwitchingGraph, graph_under
 from switchctl.methods import Method
 from switchctl.methods.boundary import started
@@ -23,7 +23,7 @@ from switchctl.simulation.replay import lasting
 from switchctl.simulation.response import Run
 from switchctl.simulation.surroundings import OperatingPoint, generator, limits, noise_root, start
 from switchctl.simulation.surroundings import operating_point as _operating_point
-from switchctl.validation import whole_number
+from switchctl.validation import flag, whole_number
 
 
 def simulate(
@@ -131,9 +131,7 @@ def simulate(
     q, p = held.system.ninputs, held.system.noutputs
     reference = _operating_point(operating_point, loops.plant_states, q, steps)
     _check_operating_point(held, reference, limits(saturation, q), operating_point is not None)
-    if not isinstance(delay, bool):
-        raise TypeError(f"delay must be True or False, not {delay!r}")
-    own = noise is None
+    delay, own = flag(delay, "delay"), noise is None
     root = noise_root(loops.measurement_noise if own else None if noise is False else noise, loops)
     disturbed = [factor(W) for W in loops.process_noise] if own and loops.process_noise is not None else None
     x, zeta = start(x0, loops, reference.at(0)[0], random)
@@ -234,28 +232,15 @@ def _check_operating_point(plant: Plant, reference: OperatingPoint, low_high: An
         )
     if given and reference.states.ndim == 1 and reference.inputs.ndim == 1:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            moved = float(np.linalg.norm(plant.advance(0.0, x_e, u_e) - x_e))
-        if not moved <= 1e-3 * max(1.0, float(np.linalg.norm(x_e))):
+            try:
+                moved = float(np.abs(plant.advance(0.0, x_e, u_e) - x_e).max())
+            except Stopped as stopped:
+                raise ValueError(f"at operating_point, {stopped}; give the one that the plant is for") from None
+        if not moved <= 1e-3 * max(1.0, float(np.abs(x_e).max())):
             raise ValueError(
                 f"operating_point is no equilibrium: in one period the state moves by {moved:.3g} from it; "
                 "control.find_operating_point finds one"
             )
-
-
-def digital(modes: Any) -> ClosedLoops:
-    """Loops with controllers that run at the samples."""
-    if not isinstance(modes, ClosedLoops):
-        what = "a plain ModeSet, as of a schedule read from a file, knows no plant and no controllers"
-        what = what if isinstance(modes, ModeSet) else ""
-        raise TypeError(
-            f"modes must be what close_loops returns, not a {type(modes).__name__}" + (f": {what}" if what else "")
-        )
-    if modes.controllers is None:
-        raise ValueError(
-            "these loops were closed in continuous time, so no controller runs at the samples; "
-            'close them with discretize="plant"'
-        )
-    return modes
 
 
 def replayed(schedule: Schedule, modes: ModeSet, steps: int) -> Array:

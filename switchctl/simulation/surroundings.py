@@ -8,7 +8,7 @@ from control import ControlDimension
 from switchctl.closed_loop import ClosedLoops
 from switchctl.gaussian import Gaussian
 from switchctl.moments import Array, moment_factor
-from switchctl.validation import positive_semidefinite, real_array
+from switchctl.validation import float_array, positive_semidefinite, real_array, whole_number
 
 
 class OperatingPoint(NamedTuple):
@@ -54,12 +54,10 @@ def limits(value: Any, q: int) -> tuple[Array, Array]:
         raise TypeError(f"saturation must be (low, high), not {value!r}")
     sides = []
     for side, name in zip(value, ("low", "high"), strict=True):
-        array = np.asarray(side)
-        if array.dtype.kind not in "iuf":
-            raise TypeError(f"saturation's {name} must hold real numbers, not {array.dtype.name} entries")
+        array = float_array(side, f"saturation's {name}")
         if array.shape not in ((), (1,), (q,)):
             raise ControlDimension(f"saturation's {name} has shape {array.shape}; expected a number or ({q},)")
-        sides.append(np.broadcast_to(array.astype(float), (q,)))
+        sides.append(np.broadcast_to(array, (q,)))
     low, high = sides
     if not (low <= high).all() or np.isposinf(low).any() or np.isneginf(high).any():
         raise ValueError(f"saturation is ({low.tolist()}, {high.tolist()}); expected low <= high for every input")
@@ -73,19 +71,21 @@ def noise_root(value: Any, modes: ClosedLoops) -> Array | None:
         return None
     if not modes.controllers.by_output:
         raise ValueError("noise is of the plant's output, and these controllers don't measure it, but the state")
-    p = modes.plant.noutputs
-    cov = positive_semidefinite(real_array([[value]] if np.ndim(value) == 0 else value, "noise", (p, p)), "noise")
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(
+            f"noise is {value!r}; expected a covariance, False for none, or nothing for what the modes know"
+        )
+    p, array = modes.plant.noutputs, real_array(value, "noise")
+    array = array.reshape(1, 1) if array.ndim == 0 and p == 1 else array
+    cov = positive_semidefinite(real_array(array, "noise", (p, p)), "noise")
     return moment_factor(np.zeros(p), cov)[:, 1:]
 
 
 def generator(seed: Any) -> np.random.Generator:
-    """A random generator from a seed."""
-    if seed is None or isinstance(seed, bool):
-        raise TypeError(f"seed must be a whole number (or a numpy SeedSequence), not {seed!r}")
-    try:
-        return np.random.default_rng(seed)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"seed is {seed!r}; expected a whole number from 0 on: {error}") from None
+    """A random generator from a seed: a whole number, or a numpy SeedSequence; a generator would be changed."""
+    if not isinstance(seed, np.random.SeedSequence):
+        seed = whole_number(seed, "seed", 0)
+    return np.random.default_rng(seed)
 
 
 def start(x0: Any, modes: ClosedLoops, x_e: Array, random: np.random.Generator) -> tuple[Array, Array]:
