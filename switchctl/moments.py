@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from switchctl.storage import affordable
+
 Array = NDArray[np.float64]
 
 
@@ -85,13 +87,21 @@ def moment_maps(A: Array) -> Array:
     -------
     array, shape (..., d, d), with d = n (n + 1) / 2
 
+    Raises
+    ------
+    MemoryError
+        If they would need too much.
+
     Examples
     --------
     >>> A, S = np.array([[1.0, 2.0], [0.0, 3.0]]), np.array([[2.0, 1.0], [1.0, 3.0]])
     >>> np.allclose(moment_maps(A) @ svec(S), svec(A @ S @ A.T))
     True
     """
-    i, j, weights = _triangle(A.shape[-1])
+    n = A.shape[-1]
+    d = n * (n + 1) // 2
+    affordable(4 * 8 * d * d * max(A.size // (n * n), 1), f"the moment maps of {n} states, {d} by {d} for each mode,")
+    i, j, weights = _triangle(n)
 
     def entries(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
         return A[..., rows[:, None], columns]
@@ -285,6 +295,7 @@ def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:
     1.25
     """
     n = A.shape[-1]
+    affordable(3 * 8 * n**4, f"the Kronecker products of {n} states, {n * n} by {n * n},")
     product = np.eye(n * n)
     for mode in sequence:
         product = np.kron(A[mode], A[mode]) @ product

@@ -14,7 +14,8 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor
 from switchctl.result import Schedule
 from switchctl.rules import Rules
-from switchctl.validation import positive_semidefinite, real_array, require_memory, whole_number
+from switchctl.storage import affordable
+from switchctl.validation import positive_semidefinite, real_array, whole_number
 from switchctl.values import require_criterion
 
 _BYTES = 32  # a step: its mode, in a list and an array, its W2 and its cost
@@ -86,7 +87,7 @@ def schedule(
     x0 = initial_state(modes, x0)
     require_method(method)
     steps = None if steps is None else whole_number(steps, "steps")
-    require_memory(_BYTES * (steps or 0), f"a schedule of {steps} steps", "ask for fewer steps")
+    affordable(_BYTES * (steps or 0), f"a schedule of {steps} steps", "ask for fewer steps")
     graph, M = graph_under(modes, rules), None
     if target is not None:
         _check_target(modes, method, target, steps, terminal)

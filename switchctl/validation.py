@@ -17,9 +17,6 @@ Frozen = TypeVar("Frozen", bound=np.ndarray)
 GREATEST = 2**53
 """Whole numbers up to this one are told apart in floating point; a greater one is refused."""
 
-MEMORY = 2e9
-"""Bytes that one array or list may take."""
-
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
     """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
@@ -161,12 +158,6 @@ def listed(value: Any, name: str, what: str, most: int = 10**7) -> list[Any]:
     if len(entries) > most:
         raise ValueError(f"{name} has more than {most:,} entries, the most there may be")
     return entries
-
-
-def require_memory(size: float, what: str, instead: str) -> None:
-    """Refuse what would take more than `MEMORY`, before it takes any."""
-    if size > MEMORY:
-        raise ValueError(f"{what} would take {size:.3g} bytes, and at most {MEMORY:.0e} are allowed; {instead}")
 
 
 def flag(value: Any, name: str) -> bool:

@@ -24,7 +24,7 @@ import switchctl.stability
 PACKAGE = Path(switchctl.__file__).parent
 # From left to right, as data flows; a module may import those before it.
 ORDER = [
-    "moments gramians tables files mat_reader switches",
+    "storage moments gramians tables files mat_reader switches",
     "validation",
     "mode_checks",
     "gaussian modes rules",

@@ -14,7 +14,7 @@ from switchctl.gramians import Block, affine_gramians, transform
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array
-from switchctl.validation import require_memory
+from switchctl.storage import affordable
 from switchctl.values import Value, switched
 
 _TABLES = 1024
@@ -102,7 +102,7 @@ class HorizonCosts:
         graph, found = self.graph, []
         n, m = graph.modes.A.shape[-1], len(graph.modes)
         size = 8.0 * m * (T + 1) * (n * (n + 1) + 2)
-        require_memory(size, f"the plans over a horizon of {T} steps", "with a target choose a shorter horizon")
+        affordable(size, f"the plans over a horizon of {T} steps", "with a target choose a shorter horizon")
         for i, h, j in self._holds(node, int(T)):
             then = int(graph.walk([i] * h, node)[-1])
             found.append([i] * h + ([] if j is None else [j] * int(min(graph.holds[then, j], T + 1 - h))))
