@@ -33,7 +33,7 @@ def faults(argument, right, shown=None, *, any_shape=False):
         return wrong
 
     masked = np.ma.array(right, mask=with_entry(1.0) == 1.0)
-    longer = np.zeros(tuple(size + 1 for size in right.shape))
+    longer = np.zeros((*right.shape[:-1], right.shape[-1] + 1))
     return [
         (f"NaN in {argument}", {argument: with_entry(np.nan)}, ValueError, f"{shown}{at} is nan", "finite"),
         (f"infinity in {argument}", {argument: with_entry(-np.inf)}, ValueError, f"{shown}{at} is -inf"),
@@ -89,7 +89,7 @@ def symmetric_faults(argument, right, shown=None):
 
 
 def forms(argument, right):
-    """The same array in other forms: rows (what, changed arguments) of numbers that float32 and integers hold exactly."""
+    """The same array in other forms: rows (what, changed arguments). For whole numbers."""
     right = np.array(right, dtype=float)
     spread = np.zeros(tuple(2 * size for size in right.shape))
     spread[tuple(slice(None, None, 2) for _ in right.shape)] = right
