@@ -145,7 +145,7 @@ def is_schur(*steps: Array) -> bool:
     if None in verdicts and False not in verdicts:
         radius = np.abs(np.linalg.eigvals(_product(steps))).max()
         raise np.linalg.LinAlgError(
-            "whether the mode is Schur is undecided: rounding hides it, for its powers grow much before they shrink, or "
+            "whether the mode is Schur is undecided: rounding hides it, for its powers grow before they shrink, or "
             f"a multiple pole is near the unit circle (spectral radius about {radius:.6g}); rescale the states"
         )
     return False not in verdicts
