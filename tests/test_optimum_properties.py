@@ -94,16 +94,11 @@ def test_coordinates_and_the_order_of_modes_change_no_optimum(method, n, m, seed
 @pytest.mark.parametrize("method", [FewSwitches(1), FewSwitches(2), Optimal(GAP)], ids=repr)
 @examples(100, n=(1, 4), m=(1, 3), steps=st.sampled_from([None, 1, 3, 6]))
 def test_a_mode_more_never_raises_the_optimum(method, n, m, seed, steps):
-    modes, x0, rng = plant(n, m + 1, seed, radius=(0.3, 1.1))
-    if isinstance(method, FewSwitches) or steps is None:
-        steps, ends = None, {}
-    else:
-        root = rng.standard_normal((n, n))
-        ends = {"terminal": root @ root.T}
-    place = np.delete(np.arange(m + 1), rng.integers(m + 1))
-    fewer = ModeSet(modes.A[place], Q=modes.Q[place])
-    if not ends and not fewer.schur.any():
-        fewer = modes
+    endless = isinstance(method, FewSwitches) or steps is None
+    modes, x0, rng = plant(n, m + 1, seed, radius=(0.3, 0.95 if endless else 1.1))
+    root, fewer = rng.standard_normal((n, n)), np.delete(np.arange(m + 1), rng.integers(m + 1))
+    steps, ends = (None, {}) if endless else (steps, {"terminal": root @ root.T})
+    fewer = ModeSet(modes.A[fewer], Q=modes.Q[fewer])
     few, more = (schedule(among, x0, method, steps, **ends) for among in (fewer, modes))
     assert lower(more) <= few.cost * ROUNDING
     assert max(few.gap or 0, more.gap or 0) <= GAP
@@ -222,6 +217,11 @@ def test_mean_square_growth_of_words_and_chains(n, m, seed):
         assert one.lower <= radius * ROUNDING and radius <= one.upper * ROUNDING
     plain, turned = word_stability(modes, word), word_stability(modes, [*word[1:], word[0]])
     assert max(plain.lower, turned.lower) <= min(plain.upper, turned.upper) * ROUNDING
+    product = np.eye(n)
+    for i in word:
+        product = modes.A[i] @ product
+    rate = np.abs(np.linalg.eigvals(product)).max() ** (1 / len(word))
+    assert plain.lower * (1 - 1e-6) <= rate <= plain.upper * (1 + 1e-6)
     drawn = random_stability(modes, share)
     chain = random_stability(modes, np.tile(share, (m, 1)))
     assert max(drawn.lower, chain.lower) <= min(drawn.upper, chain.upper) * ROUNDING

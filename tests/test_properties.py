@@ -200,6 +200,8 @@ def test_a_schedule_is_its_beginning_and_the_rest_from_its_last_moments(n, m, se
     assert close(np.concatenate([first.cov, rest.cov]), whole.cov)
     assert close(rest.final.second_moment, whole.final.second_moment)
     assert close(first.cost - first.tail_cost + modes.discount**k * rest.cost, np.array(whole.cost))
+    longer = Schedule(modes, x0, [*sequence, *[sequence[-1]] * 3], graph=whole.graph)
+    assert longer.cost == pytest.approx(whole.cost, rel=1e-9)
     moved = [s._replace(step=s.step + k) for s in rest.switches]
     assert (*first.switches, *moved) == whole.switches
 
