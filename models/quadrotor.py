@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl import Budget, Gaussian, Method, ModeSet, RecedingHorizon, Rules, close_loops
+from switchctl.validation import number, real_array
 
 PARAMETERS = {
     "g": 9.81,  # m/s2
@@ -48,7 +49,19 @@ def rotor_speeds(moments: Array, parameters: dict[str, float] = PARAMETERS) -> A
     -------
     array, shape (4,) or (4, N)
         Speeds of the four rotors in rad/s.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If moments are not real, finite and three.
     """
+    moments = real_array(moments, "moments")
+    if moments.shape[:1] != (3,):
+        raise control.ControlDimension(f"moments has shape {moments.shape}; expected (3,) or (3, N)")
+    return _rotor_speeds(moments, parameters)
+
+
+def _rotor_speeds(moments: Array, parameters: dict[str, float]) -> Array:
     b, d, arm = parameters["b"], parameters["d"], 2 * parameters["b"] * parameters["l"]
     hover = parameters["m"] * parameters["g"] / (4 * b)
     roll, pitch, yaw = moments[0] / arm, moments[1] / arm, moments[2] / (4 * d)
@@ -61,7 +74,7 @@ def _dynamics(t: float, x: Array, u: Array, parameters: dict[str, float]) -> Arr
     phi, theta, _, p, q, r = x
     c = PARAMETERS | parameters
     Ixx, Iyy, Izz, Jr = c["Ixx"], c["Iyy"], c["Izz"], c["Jr"]
-    Omega = rotor_speeds(u, c)
+    Omega = _rotor_speeds(u, c)
     Omega_r = -Omega[0] + Omega[1] - Omega[2] + Omega[3]
     bl, d, squares = c["b"] * c["l"], c["d"], Omega**2
     attitude = np.array(
@@ -84,6 +97,14 @@ def _output(measured: list[int], t: float, x: Array, u: Array, parameters: dict[
     return np.asarray(x)[measured]
 
 
+def _numbers(measured: Sequence[str]) -> list[int]:
+    """The states that are measured, by their numbers."""
+    names = [] if isinstance(measured, str) or not isinstance(measured, Sequence) else list(measured)
+    if not names or not all(name in STATES for name in names) or len(set(names)) < len(names):
+        raise ValueError(f"measured is {measured!r}; expected a list of some of {', '.join(STATES)}, each once")
+    return [STATES.index(name) for name in names]
+
+
 def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSystem:
     """Return the nonlinear equations, inputs the body moments.
 
@@ -96,6 +117,11 @@ def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSyst
     -------
     control.NonlinearIOSystem
 
+    Raises
+    ------
+    ValueError
+        If measured holds something else than names of states, or one twice.
+
     Examples
     --------
     >>> from switchctl.models import quadrotor
@@ -104,7 +130,7 @@ def nonlinear_plant(measured: Sequence[str] = STATES) -> control.NonlinearIOSyst
     """
     return control.nlsys(
         _dynamics,
-        partial(_output, [STATES.index(state) for state in measured]),
+        partial(_output, _numbers(measured)),
         inputs=["tau_phi", "tau_theta", "tau_psi"],
         states=STATES,
         outputs=list(measured),
@@ -130,7 +156,7 @@ def plant(measured: Sequence[str] = STATES) -> control.StateSpace:
     return control.ss(
         A,
         B,
-        np.eye(6)[[STATES.index(state) for state in measured]],
+        np.eye(6)[_numbers(measured)],
         0,
         name="quadrotor",
         states=STATES,
@@ -167,7 +193,16 @@ def lead_lag(crossover: float, spread: float = 14) -> control.StateSpace:
     -------
     control.StateSpace
         ``K (s + z)/(s + p) (s + zl)/(s + pl)`` with zl/pl = 2; its states are the lead's and the lag's.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not a number from 1e-9 to 1e9, or spread is below 1.
     """
+    crossover, spread = number(crossover, "crossover"), number(spread, "spread")
+    for name, value, least in (("crossover", crossover, 1e-9), ("spread", spread, 1.0)):
+        if not least <= value <= 1e9:
+            raise ValueError(f"{name} is {value}; expected a number from {least:g} to 1e9")
     z, p, zl, pl = crossover / np.sqrt(spread), crossover * np.sqrt(spread), crossover / 10, crossover / 20
     A, B, C = [[-p, 0], [z - p, -pl]], [[1], [1]], np.array([[z - p, zl - pl]])
     gain = crossover**2 / abs(control.ss(A, B, C, 1)(1j * crossover))

@@ -93,7 +93,8 @@ def branch(moves: Moves, cycle: Cycle, tol: float, goal: float, budget: int, dea
         edge = np.concatenate(ways)
         product, steps = moves.A[edge] @ last.product[parent], last.steps[parent] + lengths[edge]
         before = np.linalg.norm(last.product, axis=(1, 2))[parent]
-        doubt = (sizes + wrong)[edge] * last.wrong[parent] + wrong[edge] * before
+        with np.errstate(over="ignore", invalid="ignore"):
+            doubt = (sizes + wrong)[edge] * last.wrong[parent] + wrong[edge] * before
         norms, patterns = np.linalg.norm(product, 2, axis=(1, 2)) + doubt, pattern[edge] @ patterns[parent]
         growth = np.where(patterns.any(axis=(1, 2)), np.maximum(norms, LEAST), 0.0) ** (1 / steps)
         better = growth < last.least[parent]
