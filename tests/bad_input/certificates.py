@@ -162,7 +162,6 @@ ROWS = [
             ValueError,
             "no ModeSet.activation",
         ),
-        ("unseen states", {"found": lambda: plan(modes(Q=np.diag([1.0, 0])))}, ValueError, "positive definite stage"),
         (
             "a policy of which nothing is proven",
             {"found": lambda: policy_stability(modes(), RecedingHorizon(5)), "time_limit": None},
@@ -181,6 +180,12 @@ ROWS = [
             ValueError,
             "nothing can be proven in exact arithmetic",
         ),
+    ),
+    *refused(
+        "certify",
+        lambda Q: certify(plan(modes(Q=Q)), time_limit=0.1),
+        dict,
+        ("unseen states", {"Q": np.diag([1.0, 0])}, ValueError, "needs positive definite stage weights"),
     ),
     *refused(
         "Certificate",
