@@ -232,20 +232,26 @@ def _run(asked: argparse.Namespace) -> bool:
     folder = _made(asked.save)
     comparison = compare(model.modes, x0, {"schedule": method}, asked.steps, _rules(asked, model))
     (schedule,) = comparison.schedules.values()
-    saved = _save(folder, comparison, schedule) if folder else []
-    if folder and schedule.status in ("optimal", "gap reached"):
-        saved += _certified(schedule, folder / "certificate.json")
-    best = comparison.single_costs.min()
-    if asked.json:
+    saved: list[Path] = []
+    try:
+        if folder:
+            _save(folder, comparison, schedule, saved)
+    finally:  # the schedule is told even where a file can't be written, or Ctrl-C comes meanwhile
+        _tell(comparison, schedule, saved, asked.json)
+    return comparison.status != INTERRUPTED
+
+
+def _tell(comparison: Comparison, schedule: Schedule, saved: list[Path], as_json: bool) -> None:
+    if as_json:
         print(json.dumps(_record(comparison) | {"files": [str(path) for path in saved]}, indent=1, allow_nan=False))
-        return _whole(comparison)
+        return
+    best = comparison.single_costs.min()
     print(comparison)
     print(f"\n{schedule!r}")
     if np.isfinite(best) and best > 0:
         print(f"\ngain over the best single mode: {1 - schedule.cost / best:.2%}".replace("%", " %"))
     for path in saved:
         print(f"saved {path}")
-    return _whole(comparison)
 
 
 def _made(folder: str | None) -> Path | None:
@@ -280,7 +286,7 @@ def _compare(asked: argparse.Namespace) -> bool:
     labelled = {repr(method): method for method in [*methods, model.method]}
     comparison = compare(model.modes, _initial_state(asked, model), labelled, asked.steps, _rules(asked, model))
     print(json.dumps(_record(comparison), indent=1, allow_nan=False) if asked.json else comparison)
-    return _whole(comparison)
+    return comparison.status != INTERRUPTED
 
 
 def _report(asked: argparse.Namespace) -> bool:
@@ -298,10 +304,6 @@ def _report(asked: argparse.Namespace) -> bool:
         for path in saved:
             print(f"saved {path}")
     return "not done" not in found.reasons.values()
-
-
-def _whole(comparison: Comparison) -> bool:
-    return all(schedule.status != INTERRUPTED for schedule in comparison.schedules.values())
 
 
 def _models(asked: argparse.Namespace) -> bool:
@@ -343,11 +345,14 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _save(folder: Path, comparison: Comparison, schedule: Schedule) -> list[Path]:
-    files = [schedule.to_csv(folder / "schedule.csv"), schedule.save(folder / "schedule.json")]
+def _save(folder: Path, comparison: Comparison, schedule: Schedule, files: list[Path]) -> None:
+    """Write everything, and note each file once it is there."""
+    files.append(schedule.to_csv(folder / "schedule.csv"))
+    files.append(schedule.save(folder / "schedule.json"))
     for name, draw in (("w2.png", comparison.plot), ("area.png", comparison.plot_area)):
         files.append(_draw(draw, folder / name))
-    return files
+    if schedule.status in ("optimal", "gap reached"):
+        files += _certified(schedule, folder / "certificate.json")
 
 
 def _draw(draw: Callable[[], Any], path: Path) -> Path:

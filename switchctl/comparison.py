@@ -38,6 +38,8 @@ class Comparison:
         The initial state.
     schedules : dict of Schedule
         By label.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
 
     Raises
     ------
@@ -48,6 +50,7 @@ class Comparison:
     modes: ModeSet
     x0: Gaussian
     schedules: dict[str, Schedule]
+    status: str = "done"
 
     def __post_init__(self) -> None:
         initial_state(self.modes, self.x0)
@@ -139,7 +142,7 @@ class Comparison:
         ]
 
     def __repr__(self) -> str:
-        return text_table(self._heading(), self._cells())
+        return text_table(self._heading(), self._cells()) + f"\n{self.status}" * (self.status != "done")
 
     def _repr_html_(self) -> str:
         return html_table(self._heading(), self._cells(), f"Comparison over {self.steps} steps and the tail after them")
@@ -202,7 +205,7 @@ def compare(
     Returns
     -------
     Comparison
-        Interrupted by Ctrl-C, with the schedules so far, the last one cut short and labelled so.
+        Interrupted by Ctrl-C, with the schedules so far and marked so; one that is cut short is labelled so.
 
     Raises
     ------
@@ -240,10 +243,15 @@ def compare(
             raise ValueError(f"methods labels one {label!r}, which is the name of a mode; choose another label")
     graph = graph_under(modes, rules)
     schedules: dict[str, Schedule] = {}
-    for label, method in labelled.items():
-        result = schedule(modes, x0, method, steps, graph)
-        interrupted = result.status == INTERRUPTED
-        schedules[f"{label} ({INTERRUPTED})" if interrupted else label] = result
-        if interrupted:
-            break
+    try:
+        for label, method in labelled.items():
+            result = schedule(modes, x0, method, steps, graph)
+            interrupted = result.status == INTERRUPTED
+            schedules[f"{label} ({INTERRUPTED})" if interrupted else label] = result
+            if interrupted:
+                raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        if not schedules:
+            raise
+        return Comparison(modes, x0, schedules, INTERRUPTED)
     return Comparison(modes, x0, schedules)

@@ -222,7 +222,9 @@ def assembled(
     m, n, p, q = len(each), plant.nstates, plant.noutputs, plant.ninputs
     ends = np.cumsum([0, *(len(c.F) for c in each)])
     z = int(ends[-1]) + (0 if observer is None else n)
-    affordable(3 * 8 * (m * (z + n)) ** 2, f"what switches among {m} controllers with {z} states in all do")
+    affordable(
+        3 * 8 * (m * (z + n)) ** 2, f"what switches among {m} controllers with {z} states in all do", "use fewer"
+    )
     estimate = slice(ends[-1], z)
     F, Gu, Gx, Gy = np.zeros((m, z, z)), np.zeros((m, z, q)), np.zeros((m, z, n)), np.zeros((m, z, p))
     Hz, Hx, Hy = np.zeros((m, q, z)), np.zeros((m, q, n)), np.zeros((m, q, p))

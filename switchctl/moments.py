@@ -100,7 +100,11 @@ def moment_maps(A: Array) -> Array:
     """
     n = A.shape[-1]
     d = n * (n + 1) // 2
-    affordable(4 * 8 * d * d * max(A.size // (n * n), 1), f"the moment maps of {n} states, {d} by {d} for each mode,")
+    affordable(
+        4 * 8 * d * d * max(A.size // (n * n), 1),
+        f"the moment maps of {n} states, {d} by {d} for each mode,",
+        "use fewer states",
+    )
     i, j, weights = _triangle(n)
 
     def entries(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
@@ -295,7 +299,7 @@ def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:
     1.25
     """
     n = A.shape[-1]
-    affordable(3 * 8 * n**4, f"the Kronecker products of {n} states, {n * n} by {n * n},")
+    affordable(3 * 8 * n**4, f"the Kronecker products of {n} states, {n * n} by {n * n},", "use `trajectory`")
     product = np.eye(n * n)
     for mode in sequence:
         product = np.kron(A[mode], A[mode]) @ product

@@ -50,6 +50,8 @@ class TradeOff:
     schedules : tuple of Schedule or None
         One a setting; None where no run obeys, none of finite cost was found, or the switching graph would have too
         many nodes.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
@@ -58,6 +60,7 @@ class TradeOff:
     over: Over
     values: tuple[float, ...]
     schedules: tuple[Schedule | None, ...]
+    status: str = "done"
 
     def rows(self) -> list[dict[str, Any]]:
         """Return one record for each setting.
@@ -80,7 +83,7 @@ class TradeOff:
         return [told.get(key, key) for key in keys], cells
 
     def __repr__(self) -> str:
-        return text_table(*self._table())
+        return text_table(*self._table()) + f"\n{self.status}" * (self.status != "done")
 
     def _repr_html_(self) -> str:
         return html_table(*self._table(), f"What {self.over} costs")
@@ -152,7 +155,7 @@ def trade_off(
     Returns
     -------
     TradeOff
-        Interrupted by Ctrl-C, with the settings so far.
+        Interrupted by Ctrl-C, with the settings so far, and marked so.
 
     Raises
     ------
@@ -177,17 +180,17 @@ def trade_off(
     require_method(method)
     told = _values(modes, x0, rules, over, values, method)
     found: list[Schedule | None] = []
-    best: list[Schedule | None] | None = None
+    best, status = None, INTERRUPTED
     try:
         for value in tqdm(told, desc="trade-off", unit="schedule", delay=2, leave=False):
             found.append(_attempt(modes, x0, method, rules, over, value))
             if found[-1] is not None and found[-1].status == INTERRUPTED:
-                break
-        best = [_cheapest(own, found) for own in found]
+                raise KeyboardInterrupt
+        best, status = [_cheapest(own, found) for own in found], "done"
     except KeyboardInterrupt:
         if not found:
             raise
-    return TradeOff(modes, x0, rules, over, tuple(told[: len(found)]), tuple(found if best is None else best))
+    return TradeOff(modes, x0, rules, over, tuple(told[: len(found)]), tuple(best or found), status)
 
 
 def _values(

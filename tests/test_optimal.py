@@ -30,6 +30,7 @@ from switchctl import (
     compare,
     schedule,
 )
+from switchctl.files import digest
 from switchctl.models import five_mode, medium_access, quadrotor, servo
 from switchctl.moments import svec
 from switchctl.optimum.decisions import Decisions

@@ -727,6 +727,9 @@ def main(arguments: list[str]) -> int:
     except (Unreadable, OSError, ValueError, RecursionError, MemoryError) as error:
         print(f"unreadable: {error}")
         return 2
+    except KeyboardInterrupt:
+        print("interrupted: nothing is decided", file=sys.stderr)
+        return 130
     claims = [f"{key} = {told(value)}" for key, value in document["claim"].items()]
     print(f"accepted: {document['kind']}, {', '.join(claims)}")
     return 0

@@ -132,12 +132,12 @@ class Scheduler(ABC):
                 f"memory begins with {node}, {last}; expected a node below {len(self.graph)} and a mode, counted from "
                 f"1, up to {len(self.modes)}"
             )
-        before = self.node, self.last, self.interrupted
-        self.node, self.last, self.interrupted = node, last - 1, False
+        before = vars(self).copy()
         try:
+            self.node, self.last, self.interrupted = node, last - 1, False
             self.recall(entries[2:])
-        except Exception:
-            self.node, self.last, self.interrupted = before
+        except BaseException:
+            vars(self).update(before)
             raise
 
     def remembered(self) -> Sequence[float]:
@@ -301,16 +301,23 @@ class Scheduler(ABC):
             If a shape doesn't fit, an entry is not finite, or cov is not symmetric positive semidefinite.
             Nothing is decided then, and the next call continues as if this one hadn't been.
         FloatingPointError
-            If the second moment or a cost exceeds the floating-point range.
+            If the second moment or a cost exceeds the floating-point range; nothing is decided then either.
+        KeyboardInterrupt
+            On Ctrl-C, also during a search; nothing is decided then either.
         """
         mean, cov = self._told(mean, cov)
         with np.errstate(over="ignore", invalid="ignore"):
             S = second_moment(mean, cov)
             if not np.isfinite(S).all():
                 raise FloatingPointError("the second moment exceeds the floating-point range; scale the state")
-            interrupted, mode = self.interrupted, self.take(S)
-        if self.interrupted and not interrupted:
-            raise KeyboardInterrupt  # the loop that calls is meant, not the search alone
+            before = vars(self).copy()
+            try:
+                mode = self.take(S)
+                if self.interrupted and not before["interrupted"]:
+                    raise KeyboardInterrupt  # the loop that calls is meant, not the search alone
+            except BaseException:
+                vars(self).update(before)
+                raise
         return mode
 
     def _told(self, mean: Any, cov: Any) -> tuple[Array, Array]:

@@ -154,7 +154,8 @@ class Optimal(Method):
         Returns
         -------
         Policy
-            A method like the others; its ``factor`` is the guarantee.
+            A method like the others; its ``factor`` is the guarantee. Interrupted by Ctrl-C, with the quadratics so
+            far, the factor proven so far, and marked so.
 
         Raises
         ------
@@ -191,7 +192,7 @@ class Optimal(Method):
                 constants.append(later + move.constant)
                 plans += [(move.word + lead, word) for lead, word in ways]
             tables[node] = plans, np.concatenate(rows), np.concatenate(constants)
-        return Policy(graph, tables, values.factor)
+        return Policy(graph, tables, values.factor, INTERRUPTED if values.interrupted else "done")
 
 
 class _OptimalScheduler(PlanningScheduler):
@@ -295,6 +296,8 @@ class _OptimalScheduler(PlanningScheduler):
             path = tuple(local.run.path.tolist())
             if local.run.total < found.cost * (1 - TIE):
                 found.cost, found.plan = local.run.total, shortest(path, word) if word else (path, ())
+            if local.interrupted:
+                raise KeyboardInterrupt
         self.refining += time.perf_counter() - begun
         return found.plan
 
@@ -306,6 +309,8 @@ class _OptimalScheduler(PlanningScheduler):
             lead, word = refined.search(self.S)
         except ValueError:
             return []
+        if refined.interrupted:
+            raise KeyboardInterrupt
         assert self.steps is not None
         return [(tuple([*lead, *word * self.steps][: self.steps]), ())]
 

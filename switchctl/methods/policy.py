@@ -31,6 +31,8 @@ class Policy(Method):
         modes taken once and those repeated for ever; the cost as a row for ``svec(S)`` and a constant, per dk.
     factor : float
         The guarantee; infinite where the time was up before one was proven.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
 
     Raises
     ------
@@ -50,6 +52,7 @@ class Policy(Method):
     graph: SwitchingGraph
     tables: dict[int, Table] = field(repr=False)
     factor: float
+    status: str = "done"
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
@@ -68,7 +71,7 @@ class Policy(Method):
             if np.isfinite(self.factor)
             else "no guarantee in the time given"
         )
-        return f"Policy({count} functionals, {told})"
+        return f"Policy({count} functionals, {told}{', interrupted' * (self.status != 'done')})"
 
 
 class _PolicyScheduler(Scheduler):

@@ -183,7 +183,8 @@ class _RecedingHorizonScheduler(Scheduler):
         self.lengthened = 0
         if not self.plan or (self.method.decrease is None and not self.costs.moves[self.node, self.plan[0]]):
             self._update(S)
-        return self.plan.pop(0)
+        mode, *self.plan = self.plan  # a new list: a step that is undone has the old one
+        return mode
 
     def _update(self, S: Array) -> None:
         T = self.method.at(self.j)

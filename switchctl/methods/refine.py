@@ -104,11 +104,14 @@ class _RefineScheduler(PlanningScheduler):
         self.base.steps, self.base.terminal = self.steps, self.terminal
         sequence, _, F, status = predict(self.base, F, None if self.terminal is None else self.steps)
         lead, word = self.base.tail(F @ F.T) if self.terminal is None else ((), ())
-        local = LocalSearch(self.graph, S, (*sequence, *lead), word, self.terminal)
+        if self.terminal is not None and status == INTERRUPTED:
+            raise KeyboardInterrupt  # a part of a run that ends is no plan
         if self.base.interrupted or status == INTERRUPTED:
             self.interrupted = True
             return (*sequence, *lead), word
-        self.interrupted = not local.improve()
+        local = LocalSearch(self.graph, S, (*sequence, *lead), word, self.terminal)
+        local.improve()
+        self.interrupted = local.interrupted
         self.statistics = {"start": self.modes.dk * local.start, "sweeps": local.sweeps, "moves": local.moves}
         return tuple(local.run.path.tolist()), word
 
@@ -135,6 +138,8 @@ class LocalSearch(StepCosts):
         What it cost before.
     sweeps, moves : int
         Those that made it better.
+    interrupted : bool
+        Whether Ctrl-C ended the search.
 
     Raises
     ------
@@ -163,19 +168,15 @@ class LocalSearch(StepCosts):
             )
         self.word_P = self.row(value)
         self.run = self._run(np.array(path, dtype=np.intp))
-        self.start, self.sweeps, self.moves = self.run.total, 0, 0
+        self.start, self.sweeps, self.moves, self.interrupted = self.run.total, 0, 0, False
 
-    def improve(self, deadline: float = math.inf) -> bool:
-        """Search until nothing helps; whether it came to an end before Ctrl-C and the deadline.
+    def improve(self, deadline: float = math.inf) -> None:
+        """Search until nothing helps, or Ctrl-C or the deadline come.
 
         Parameters
         ----------
         deadline : float, optional
             When to stop, on the clock of `time.perf_counter`.
-
-        Returns
-        -------
-        bool
         """
         run = self.run
         try:
@@ -183,7 +184,7 @@ class LocalSearch(StepCosts):
                 rest, sweeping, failed = self._suffixes(run.path), True, 0
                 while failed < 2 and progress.n < _ROUNDS:
                     if time.perf_counter() > deadline:
-                        return False
+                        break
                     if not sweeping and self.ends:
                         break
                     found, gain = self._run(self._sweep(run, rest) if sweeping else self._move(run, rest)), 0.0
@@ -196,8 +197,7 @@ class LocalSearch(StepCosts):
                     progress.set_postfix(cost=f"{self.graph.modes.dk * run.total:.8g}", refresh=False)
                     progress.update()
         except KeyboardInterrupt:
-            return False
-        return True
+            self.interrupted = True
 
     def _run(self, path: NDArray[np.intp]) -> _Run:
         """The forward evaluation."""

@@ -58,7 +58,7 @@ class RelaxedValues:
     """
 
     def __init__(self, decisions: Decisions) -> None:
-        self.decisions, self.factor = decisions, np.inf
+        self.decisions, self.factor, self.interrupted = decisions, np.inf, False
         ways = Continuations(decisions.graph)
         self.values: dict[int, Values] = {}
         for u, (_, v) in enumerate(decisions.places):
@@ -105,7 +105,7 @@ class RelaxedValues:
                         heapq.heappush(waiting, (-np.inf, new))
                     progress.update()
         except KeyboardInterrupt:
-            return
+            self.interrupted = True
 
     def _pairs_from(self, u: int) -> list[_Pair]:
         moves = self.decisions.moves(u)

@@ -165,6 +165,12 @@ class Tally:
             self.spread = np.hypot(np.hypot(self.spread, spread), between)
             self.mean, self.count = np.where(np.isfinite(away), self.mean + away * share, np.inf), total
 
+    def __add__(self, other: "Tally") -> "Tally":
+        both = Tally(len(self.count))
+        both.count, both.mean, both.spread = self.count, self.mean, self.spread
+        both.add(other.count, other.mean, other.spread)
+        return both
+
     def add_runs(self, w2: Array) -> None:
         """Merge runs, shape (runs, steps); NaN after a run has stopped."""
         there = ~np.isnan(w2)

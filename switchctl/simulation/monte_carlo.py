@@ -99,7 +99,7 @@ def monte_carlo(
     confidence = number(confidence, "confidence")
     if not (0 < confidence and (1 + confidence) / 2 < 1):
         raise ValueError(f"confidence is {confidence!r}; expected a number between 0 and 1, such as 0.99")
-    affordable(8 * 6 * steps * len(labelled), f"{len(labelled)} schedules of {steps} steps")
+    affordable(8 * 6 * steps * len(labelled), f"{len(labelled)} schedules of {steps} steps", "ask for fewer")
     long = [lasting(schedule, steps) for schedule in labelled.values()]
     settings = {
         "saturation": saturation,
@@ -244,11 +244,9 @@ def _gathered(
     try:
         with tqdm(total=samples, desc="samples", unit="sample", delay=2, leave=False) as progress:
             for block in blocks:
-                for total, tally in zip(tallies, block.tallies, strict=True):
-                    total.add(tally.count, tally.mean, tally.spread)
-                for all_stops, found in zip(stops, block.stops, strict=True):
-                    all_stops += found
-                done += block.samples
+                added = [total + tally for total, tally in zip(tallies, block.tallies, strict=True)]
+                all_stops = [known + found for known, found in zip(stops, block.stops, strict=True)]
+                tallies, stops, done = added, all_stops, done + block.samples  # all at once: Ctrl-C may come between
                 progress.update(block.samples)
                 if block.interrupted:
                     break

@@ -17,7 +17,7 @@ def lasting(schedule: Schedule, steps: int) -> Schedule:
             f"steps is {steps}, and the schedule ends after {len(schedule)}: it has a terminal weight or a target, and "
             "no tail"
         )
-    affordable(200 * steps, f"a schedule of {steps} steps")
+    affordable(200 * steps, f"a schedule of {steps} steps", "ask for fewer steps")
     lead, tail = schedule.lead, schedule.tail
     more = islice(chain(lead, cycle(tail)), extra)
     turn = max(extra - len(lead), 0) % len(tail)

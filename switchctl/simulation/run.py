@@ -152,12 +152,13 @@ def simulate(
                 if not held.margin(x) > 0:
                     raise Stopped("domain(x) is not positive")
                 record.act(*computer.sample(k, x))
-                x = held.advance(k * loops.dk, x, record.inputs[-1])
+                mode, _, applied = record.acts[-1]
+                x = held.advance(k * loops.dk, x, applied)
                 if disturbed is not None:
-                    x = x + disturbed[record.modes[-1]] @ random.standard_normal(len(x))
+                    x = x + disturbed[mode] @ random.standard_normal(len(x))
                 record.arrive(x, computer.zeta)
     except KeyboardInterrupt:
-        if not record.modes:
+        if not record.acts:
             raise
         status = INTERRUPTED
     except Stopped as stopped:
@@ -175,15 +176,11 @@ class _Record:
 
     def __init__(self, x: Array, zeta: Array) -> None:
         self.states, self.n = [np.concatenate([x, zeta])], len(x)
-        self.modes: list[int] = []
-        self.outputs: list[Array] = []
-        self.inputs: list[Array] = []
+        self.acts: list[tuple[int, Array, Array]] = []
 
     def act(self, mode: int, output: Array, applied: Array) -> None:
         """Note what acts from the latest sample on."""
-        self.modes.append(mode)
-        self.outputs.append(output)
-        self.inputs.append(applied)
+        self.acts.append((mode, output, applied))
 
     def arrive(self, x: Array, zeta: Array) -> None:
         """Note the next sample's state."""
@@ -192,7 +189,8 @@ class _Record:
     def response(self, plant: Plant, modes: ClosedLoops, reference: OperatingPoint, status: str) -> Run:
         """The response until now; at a sample at which nothing acts yet, the input and the index before go on."""
         k, n = len(self.states) - 1, self.n
-        inputs, outputs, index = [*self.inputs], [*self.outputs], [float(mode) for mode in self.modes]
+        modes_taken, outputs, inputs = map(list, zip(*self.acts, strict=True)) if self.acts else ([], [], [])
+        index = [float(mode) for mode in modes_taken]
         if len(inputs) == k:
             inputs.append(inputs[-1] if inputs else np.full(plant.system.ninputs, np.nan))
             index.append(index[-1] if index else np.nan)
@@ -208,7 +206,7 @@ class _Record:
             np.vstack([np.array(outputs).T, index]),
             states,
             np.array(inputs).T,
-            sequence=np.array(self.modes, dtype=np.intp),
+            sequence=np.array(modes_taken, dtype=np.intp),
             w2=np.sum(np.square(away), axis=1),
             status=status,
             names=modes.names,

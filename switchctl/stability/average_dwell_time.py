@@ -102,7 +102,7 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
 
 def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
     """Find an average dwell time, given the least one, whose word shows what is too short."""
-    modes, end = found.modes, time.perf_counter() + time_limit
+    modes, end = found.modes, time.perf_counter() + (0.0 if found.status == "interrupted" else time_limit)
     lower, word = _unstable(modes, found.word)
     common = Moves.with_dwell(modes, (1,) * len(modes))
     one_node = replace(common, places=(0,), tail=0 * common.tail, head=0 * common.head)

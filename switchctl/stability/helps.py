@@ -12,6 +12,7 @@ from switchctl.graph import SwitchingGraph
 from switchctl.methods.boundary import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.methods.optimal import OPTIMAL, Optimal
+from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array, smat
 from switchctl.optimum.decisions import Decisions
@@ -68,6 +69,8 @@ class SwitchingHelp:
         With x0: the best sequence found from there.
     saves_at_least, saves_at_most : float or None
         With x0: what the best sequence saves, as shares of the best single mode's cost.
+    status : str
+        "done", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
@@ -86,6 +89,7 @@ class SwitchingHelp:
     schedule: Schedule | None = None
     saves_at_least: float | None = None
     saves_at_most: float | None = None
+    status: str = "done"
 
     @property
     def _heading(self) -> str:
@@ -110,6 +114,8 @@ class SwitchingHelp:
             assert self.saves_at_least is not None and self.saves_at_most is not None
             span = f"{_percent(self.saves_at_least)} to {_percent(self.saves_at_most)}"
             told.append(("from x0", f"saves {span} of the best single mode's cost"))
+        if self.status != "done":
+            told.append(("status", self.status))
         return [(key, value) for key, value in told if value]
 
     def __repr__(self) -> str:
@@ -142,7 +148,7 @@ def does_switching_help(
     Returns
     -------
     SwitchingHelp
-        Interrupted by Ctrl-C, what is known so far.
+        Interrupted by Ctrl-C, what is known so far, marked so.
 
     Raises
     ------
@@ -178,7 +184,12 @@ def does_switching_help(
         except np.linalg.LinAlgError as error:
             found = SwitchingHelp(modes, None, f"rounding hides it: {error}")
         found = replace(found, paper_test=_paper_test(modes))
-    return found if x0 is None else _from(found, x0, method)
+    if x0 is None or found.status == INTERRUPTED:
+        return found
+    try:
+        return _from(found, x0, method)
+    except KeyboardInterrupt:
+        return replace(found, status=INTERRUPTED)
 
 
 def _decided(modes: ModeSet) -> SwitchingHelp:
@@ -209,7 +220,8 @@ def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verd
         combinations[i, finite[q]] = frozen(whole)
     told = SwitchingHelp(modes, None, "", 1.0, combinations)
     if len(verdicts) < len(pairs.different()):
-        return replace(told, why=f"interrupted after {len(verdicts)} of {len(pairs.different())} pairs of modes")
+        why = f"interrupted after {len(verdicts)} of {len(pairs.different())} pairs of modes"
+        return replace(told, why=why, status=INTERRUPTED)
     vanishes, _ = pairs.window
     if not vanishes:
         return replace(told, why="a run may cost little and not come to rest: the weights don't see every state")
@@ -349,7 +361,8 @@ def _from(found: SwitchingHelp, x0: Gaussian, method: Optimal) -> SwitchingHelp:
     else:
         most = max(0.0, 1 - lower / best)
         least = min(max(0.0, 1 - run.cost / best), most)
-    return replace(found, schedule=run, saves_at_least=least, saves_at_most=most)
+    status = INTERRUPTED if run.status == INTERRUPTED else found.status
+    return replace(found, schedule=run, saves_at_least=least, saves_at_most=most, status=status)
 
 
 def _percent(share: float) -> str:

@@ -194,6 +194,8 @@ def joint_spectral_radius(
             found = replace(found, upper=side.upper, norms=side.norms, bounds={**found.bounds, "below one": side.upper})
         if side.lower > found.lower:
             found = replace(found, lower=side.lower, cycle=side.cycle, node=side.node)
+        if side.status == "interrupted":
+            found = replace(found, status=side.status)
     return JointSpectralRadius(**vars(found), graph=graph)
 
 

@@ -198,8 +198,8 @@ def report(
     begun, bar = time.perf_counter(), tqdm(parts, desc="report", unit="part", delay=_DELAY, leave=False)
     with _noted_interrupts() as interrupted, bar as progress:
         for name, weight, part in progress:
-            progress.set_postfix_str(name.replace("_", " "), refresh=time.perf_counter() > begun + _DELAY)
             try:
+                progress.set_postfix_str(name.replace("_", " "), refresh=time.perf_counter() > begun + _DELAY)
                 if interrupted:
                     raise KeyboardInterrupt
                 page.add(name, part(page.seconds(name, parts) if weight else 0.0))
