@@ -62,6 +62,7 @@ class Watch:
         self.recent: deque[int] = deque(maxlen=WINDOW)
 
     def see(self, mode: int) -> None:
+        """Check the coming step."""
         if mode != self.mode:
             broken = self.mode >= 0 and self.age < LEAST[self.mode]
             self.switches += self.mode >= 0
@@ -144,10 +145,10 @@ def held() -> tuple[int, int, float]:
     return sys.getallocatedblocks(), len(gc.get_objects()), peak
 
 
-def run(name: str, steps: int, checks: int = 20, seed: int = 0) -> dict:
-    """Run so many steps; what was counted, with the memory held after a hundredth of them and at the end."""
+def run(name: str, steps: int, checks: int = 20, early: int | None = None) -> dict:
+    """Run so many steps; what was counted, with the memory held early (after a hundredth) and at the end."""
     method, rules = METHODS[name]
-    running, watch, random = started(method, rules), Watch(rules), np.random.default_rng(seed)
+    running, watch, random = started(method, rules), Watch(rules), np.random.default_rng(0)
     x, counts, compared, begun = np.array([3.0, -2.0, 1.0]), np.zeros(len(MODES), dtype=np.int64), 0, perf_counter()
     start = None
     for number in range(checks):
@@ -164,7 +165,7 @@ def run(name: str, steps: int, checks: int = 20, seed: int = 0) -> dict:
             watch.see(mode)
             counts[mode] += 1
             x = A[mode] @ x + random.standard_normal(3)
-            if k + 1 == steps // 100:
+            if k + 1 == (early or steps // 100):
                 start = held()
     if watch.k != steps or not np.isfinite(x).all():
         raise ArithmeticError(f"{watch.k} steps counted of {steps}, at the state {x}")

@@ -107,6 +107,7 @@ def schedule(
     lead, word = scheduler.tail(F @ F.T) if M is None and target is None else ((), ())
     if modes.cost == "average" and (repeated := _period(sequence)):
         lead, word = (), repeated
+    whole = M is None or len(sequence) == steps  # of a shorter run that ends, the bound of the whole says nothing
     return Schedule(
         modes,
         x0,
@@ -118,7 +119,7 @@ def schedule(
         lead,
         graph,
         scheduler.statistics,
-        scheduler.lower_bound,
+        scheduler.lower_bound if whole else None,
         M,
         target,
     )
