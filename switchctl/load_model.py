@@ -81,10 +81,11 @@ def load_model(name: str) -> Model:
 
 
 def _execute(path: Path) -> ModuleType:
-    """Run a file as Python runs a script: its folder on the path, its name among the modules."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    """Run a file as Python runs a script: its folder on the path; no module that is called as it is is replaced."""
+    name = f"model_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # a .py file always has a loader
-    module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
     sys.path.insert(0, str(path.parent.resolve()))
     _call(spec.loader.exec_module, str(path), module)
     return module
@@ -96,7 +97,9 @@ def _call(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
         return function(*arguments)
     except (Exception, SystemExit) as error:
         lines = [
-            frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == Path(name)
+            frame.lineno
+            for frame in traceback.extract_tb(error.__traceback__)
+            if Path(frame.filename).resolve() == Path(name).resolve()
         ]
         where = f", line {lines[-1]}" if lines else ""
         raise FormatError(f"{name}{where}: {type(error).__name__}: {error}") from error

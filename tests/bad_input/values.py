@@ -42,7 +42,7 @@ SAME_ARRAYS = {  # of the identity, twice
     "lists": lambda: [[2, 0], [0, 2]],
     "in Fortran's order": lambda: np.asfortranarray(2 * np.eye(2)),
     "strided": lambda: np.repeat(2 * np.eye(2), 2, axis=0)[::2],
-    "np.matrix": lambda: np.matrix(2 * np.eye(2)),
+    "np.matrix": lambda: (2 * np.eye(2)).view(np.matrix),
     "of a subclass": lambda: (2 * np.eye(2)).view(Matrix),
     "asymmetric by rounding": lambda: np.array([[2.0, 0.0], [1e-16, 2.0]]),
 }
