@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone; say nothing more
         return 0
-    except (ValueError, TypeError, LookupError, ArithmeticError, OSError, ImportError) as error:
+    except (ValueError, TypeError, LookupError, ArithmeticError, OSError, ImportError, MemoryError) as error:
         told = error.args[0] if isinstance(error, KeyError) and error.args else error
         print(f"switchctl: error: {' '.join(str(told).split())}", file=sys.stderr)
         return 2

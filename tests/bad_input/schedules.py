@@ -52,7 +52,7 @@ ROWS = [
         *WRONG_X0,
         *WRONG_METHOD,
         *[row for row in whole_numbers("steps", 1) if "None" not in row[0]],
-        ("steps: more than memory", {"steps": 10**12}, ValueError, "1000000000000 steps", "3.2e+13 bytes"),
+        ("steps: more than memory", {"steps": 10**12}, MemoryError, "1000000000000 steps", "3.2e+13 bytes"),
         ("rules: a dict", {"rules": {"min_dwell": 3}}, TypeError, "rules must be Rules(..), not {'min_dwell': 3}"),
         ("rules: the class", {"rules": Rules}, TypeError, "rules must be Rules(..)"),
         ("rules: of other modes", {"rules": SwitchingGraph(modes())}, ValueError, "SwitchingGraph of other modes"),
@@ -66,7 +66,7 @@ ROWS = [
         (
             "target: a horizon that memory can't hold",
             {"target": X0, "method": RecedingHorizon(10**9)},
-            ValueError,
+            MemoryError,
             "1000000000 steps would take 1.28e+11 bytes",
         ),
         (

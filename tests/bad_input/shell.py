@@ -157,7 +157,7 @@ MODELS = [
     (["null.json"], "null.json holds a JSON NoneType; expected an object"),
     (["cut.json"], "cut.json is not a JSON file"),
     (["twice.json"], "the key 'A' comes twice"),
-    (["texts.json"], "matrices[0] must hold real numbers"),
+    (["texts.json"], "matrices must be the A_i, shape (m, n, n); got a str"),
     (["ragged.json"], "matrices[0] is not rectangular"),
     (["oblong.json"], "shape (1, 1, 2)"),
     (["great.json"], "matrices[0][0, 0] is inf"),
