@@ -267,9 +267,10 @@ def root(S: Array) -> Array:
     True
     """
     diagonal = np.diag(S)
-    unit = np.exp2(np.round(np.log2(np.where(diagonal > 0, diagonal, 1.0)) / 2))
+    uncertain = diagonal > 0
+    unit = np.exp2(np.round(np.log2(np.where(uncertain, diagonal, 1.0)) / 2))
     eigenvalues, vectors = np.linalg.eigh(S / unit / unit[:, None])
-    return unit[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    return (uncertain * unit)[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
 
 
 def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:

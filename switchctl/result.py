@@ -205,6 +205,7 @@ class Schedule:
         return float(squared_distances(self.modes, F[None], self.target)[0])
 
     @cached_property
+    @np.errstate(over="ignore", invalid="ignore")
     def _parts(self) -> tuple[CostParts, CostParts]:
         """The cost of the steps and of what follows them."""
         graph, modes, (w2, stage, final), before = self.graph, self.modes, self._run, self._before
@@ -212,17 +213,16 @@ class Schedule:
         switching = graph.switch_cost[before, self.sequence] + graph.switch_cost_per_w2[before, self.sequence] * w2
         paid = stage if self.target is not None else stage + modes.offset[self.sequence]
         each = modes.dk * paid, switching, modes.dk * graph.price[self.sequence]
-        steps = CostParts(*(float(weight @ part) for part in each))
-        last = modes.discount ** len(self)
+        steps, last = CostParts(*(float(weight @ part) for part in each)), modes.discount ** len(self)
+        if not np.isfinite(steps).all():
+            raise FloatingPointError("the cost exceeds the floating-point range; scale the weights")
         if self.target is not None:
             return steps, CostParts(float(last * modes.dk * self.final_w2), 0.0, 0.0)
         if self.terminal is not None:
             return steps, CostParts(float(last * modes.dk * np.sum(self.terminal * final.second_moment)), 0.0, 0.0)
         require_criterion(modes)
         tail = tail_parts(graph, int(self.sequence[-1]), self.lead, self.tail, final.second_moment)
-        if modes.cost == "average":
-            return CostParts(0.0, 0.0, 0.0), tail
-        return steps, CostParts(*(last * part for part in tail))
+        return (CostParts(0, 0, 0), tail) if modes.cost == "average" else (steps, CostParts(*(last * x for x in tail)))
 
     @property
     def tail_cost(self) -> float:

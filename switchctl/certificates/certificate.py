@@ -13,6 +13,7 @@ from switchctl.files import FormatError, read_document, write_json
 from switchctl.moments import Array
 
 SHARES = 0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4  # that bounds are loosened by, until they hold exactly
+_DAMAGE = check.Rejected, check.Unreadable, LookupError, TypeError, ValueError, ArithmeticError, RecursionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +129,10 @@ class Certificate:
         """
         document = read_document(path, "certificate", check.VERSION)
         try:
-            check.unchanged(document)
+            check.opened(document)
             certificate = cls(document)
             repr(certificate)
-        except (check.Rejected, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+        except _DAMAGE as error:
             raise FormatError(f"{path} is a damaged certificate, take another copy or make it anew: {error}") from None
         return certificate
 

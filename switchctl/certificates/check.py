@@ -23,6 +23,7 @@ STATES = 100
 NODES = 100_000
 WORK = 5 * 10**9  # multiplications, and bits of the numbers in a matrix
 EXACT = 40_000  # bits of a determinant
+PARTS = "format version kind data claim witness sha256 sha256_of_proof"
 
 
 class Rejected(Exception):
@@ -347,7 +348,8 @@ def move_to(problem: Problem, v: int, mode: int) -> int:
 
 def digest(data: Any) -> str:
     """The sha256 of the data."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def optimum(data: dict[str, Any], claim: dict[str, Any], witness: dict[str, Any]) -> None:
@@ -671,26 +673,29 @@ KINDS: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any], dict[str, Any]]
 }
 
 
-def unchanged(document: dict[str, Any]) -> None:
-    """Raise `Rejected` unless the seals are those of what they seal."""
-    need(document["sha256"] == digest(document["data"]), "the data was changed")
-    sealed = digest([document["claim"], document["witness"]])
-    need(document["sha256_of_proof"] == sealed, "the claim or the witness was changed")
+def opened(document: dict[str, Any]) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The kind, data, claim and witness of a certificate that is whole and as it was written."""
+    if document["format"] != "switchctl certificate" or document["version"] != VERSION:
+        raise Unreadable("not a switchctl certificate of this version")
+    if foreign := document.keys() - set(PARTS.split()):
+        raise Unreadable(f"it holds {min(foreign)!r:.50}; expected only {PARTS}")
+    kind, data, claim, witness = (document[name] for name in ("kind", "data", "claim", "witness"))
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise Unreadable(f"a certificate of an unknown kind, {kind!r:.50}")
+    if not all(isinstance(part, dict) for part in (data, claim, witness)):
+        raise Unreadable("its data, claim and witness are not objects")
+    need(document["sha256"] == digest(data), "the data was changed")
+    need(document["sha256_of_proof"] == digest([claim, witness]), "the claim or the witness was changed")
+    if set(claim) != set(KINDS[kind][1].split()):
+        raise Unreadable(f"the claim is of {', '.join(claim)}; expected {KINDS[kind][1]}")
+    return kind, data, claim, witness
 
 
 def check(document: dict[str, Any]) -> None:
     """Raise `Rejected` unless the claim is proven, `Unreadable` where the document is no certificate."""
     try:
-        if document["format"] != "switchctl certificate" or document["version"] != VERSION:
-            raise Unreadable("not a switchctl certificate of this version")
-        if document["kind"] not in KINDS:
-            raise Unreadable(f"a certificate of an unknown kind, {document['kind']!r:.50}")
-        data, claim, witness = document["data"], document["claim"], document["witness"]
-        unchanged(document)
-        decide, keys = KINDS[document["kind"]]
-        if set(claim) != set(keys.split()):
-            raise Unreadable(f"the claim is of {', '.join(map(str, claim))}; expected {keys}")
-        decide(data, claim, witness)
+        kind, data, claim, witness = opened(document)
+        KINDS[kind][0](data, claim, witness)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
         raise Unreadable(f"not a certificate: {type(error).__name__} {error}") from None
 
