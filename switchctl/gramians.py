@@ -170,6 +170,7 @@ def _part_is_schur(steps: list[Array]) -> bool | None:
     return None
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _radii(steps: list[Array], M: Array) -> tuple[Array, Array]:
     """Of Gershgorin's discs around the eigenvalues of a product: how near to zero and how far from it they reach.
 
@@ -190,7 +191,8 @@ def _radii(steps: list[Array], M: Array) -> tuple[Array, Array]:
     unit = np.where(np.abs(eigenvalues) > 0.999, 1e6, 1.0)  # of the eigenvectors: it makes the discs that matter small
     wrong = np.max(np.abs(W @ V - np.eye(len(M))) @ unit / unit)  # the inverse
     radius = off @ unit / unit / (1 - wrong) if wrong < 0.5 else np.full(len(M), np.inf)
-    return np.abs(eigenvalues) - radius, np.abs(eigenvalues) + radius
+    known = np.isfinite(np.abs(eigenvalues) + radius)
+    return np.where(known, np.abs(eigenvalues) - radius, 0.0), np.where(known, np.abs(eigenvalues) + radius, np.inf)
 
 
 def seen(A: Array, Q: Array) -> NDArray[np.bool_]:

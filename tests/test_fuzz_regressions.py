@@ -89,3 +89,10 @@ def test_a_state_known_exactly_has_no_uncertainty_of_rounding():
         x = rng.standard_normal((4, 1))
         x[rng.integers(4)] = 0.0
         assert not root(x @ x.T)[x[:, 0] == 0].any()
+
+
+@pytest.mark.parametrize(
+    "A", [[[[-1e308, 0.5], [0.8, 3.0]]], [[[0.8, 3.0], [-1e308, 0.5]]], (-1e308 * np.ones((1, 3, 3))).tolist()]
+)
+def test_verdicts_beyond_the_range_are_undecided(A):
+    assert "Schur undecided" in repr(ModeSet(A))
