@@ -94,6 +94,12 @@ ROWS = [
         ("a node that is not there", {"change": changed(0, 7)}, ValueError, "a node below 1"),
         ("half a node", {"change": changed(0, 0.5)}, ValueError, "memory[0] is 0.5"),
         ("a mode that is not there", {"change": changed(1, 3)}, ValueError, "up to 2"),
+        (
+            "another mode and an update below 0",
+            {"change": changed(slice(1, 3), [1, -1])},
+            ValueError,
+            "values[0] is -1",
+        ),
         ("an update below 0", {"change": changed(2, -1)}, ValueError, "values[0] is -1"),
         ("half a mode to come", {"change": changed(3, 0.5)}, ValueError, "values[1] is 0.5"),
         ("a mode to come that is not there", {"change": changed(3, 9)}, ValueError, "modes to come"),

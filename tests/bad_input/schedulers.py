@@ -9,6 +9,7 @@ from bad_input.values import SAME_ARRAYS, wrong_arrays
 from switchctl import (
     FewSwitches,
     Method,
+    Optimal,
     RecedingHorizon,
     Refine,
     Rollout,
@@ -61,11 +62,11 @@ def after_a_step(method, name):
     return call
 
 
-def refused_midway(method, **given):
+def refused_midway(method, times=len(SAMPLES), **given):
     """A refused step in a run: it must leave the scheduler as it was, and the decisions as they would have been."""
     undisturbed, scheduler = method.start(modes()), method.start(modes())
     refusal = None
-    for sample in SAMPLES:
+    for sample in SAMPLES[:times]:
         before = state_of(scheduler.memory), scheduler.lengthened
         try:
             scheduler.step(**given)
@@ -106,6 +107,12 @@ ROWS = [
             (f"too few states midway, {method!r}", {"mean": [1.0]}, ValueError, "mean has shape (1,)", "(2,)"),
         )
     ],
+    *refused(
+        "Scheduler.step",
+        lambda **given: refused_midway(Optimal(gap=0.9), 1, **given),
+        step,
+        ("a moment too great to plan for", {"mean": [1e100, 1.0]}, FloatingPointError, "too great to be searched with"),
+    ),
     *refused(
         "Scheduler.step",
         after_a_step(Rollout(), "step"),
