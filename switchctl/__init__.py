@@ -10,9 +10,10 @@ from types import ModuleType
 from switchctl.blocks import scheduler_system, switched_controller
 from switchctl.closed_loop import ClosedLoops, close_loops
 from switchctl.comparison import Comparison, compare
+from switchctl.edges import Edge
 from switchctl.files import FormatError
 from switchctl.gaussian import Gaussian, wasserstein
-from switchctl.graph import Edge, SwitchingGraph
+from switchctl.graph import SwitchingGraph
 from switchctl.methods import (
     Constant,
     FewSwitches,

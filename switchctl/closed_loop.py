@@ -53,6 +53,11 @@ class ClosedLoops(ModeSet):
     error_covariance : array, shape (n, n), or None
         Of the plant's state given the estimate, in the steady state of the filter, where there is one: what to tell
         `Scheduler.step` besides the estimate.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the plant, the controllers or the noise are not what they should be; else as `ModeSet`.
     """
 
     plant: control.StateSpace | None

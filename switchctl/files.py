@@ -96,8 +96,9 @@ def read_document(path: str | os.PathLike[str], kind: str, version: int) -> dict
     return document
 
 
-def check_seal(path: str | os.PathLike[str], document: dict[str, Any]) -> None:
-    """Refuse a document that is not as `write_document` wrote it."""
+def read_sealed(path: str | os.PathLike[str], kind: str, version: int) -> dict[str, Any]:
+    """Read a JSON document that is as `write_document` wrote it."""
+    document = read_document(path, kind, version)
     told = document.get("sha256")
     try:
         found = digest({key: value for key, value in document.items() if key != "sha256"})
@@ -108,6 +109,7 @@ def check_seal(path: str | os.PathLike[str], document: dict[str, Any]) -> None:
             f"{path} was changed after it was written: its sha256 is {told!r:.80}, its content has {found!r}. "
             "Take another copy, or make it anew"
         )
+    return document
 
 
 def digest(document: dict[str, Any]) -> str:

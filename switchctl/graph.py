@@ -2,12 +2,13 @@
 
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.contradiction import contradiction
+from switchctl.edges import Edge
 from switchctl.limits import NODES, TooManyNodes, find, indices, limits
 from switchctl.memory import Automaton, Memory, explore, longest_runs
 from switchctl.modes import ModeSet, require_modes
@@ -19,33 +20,6 @@ from switchctl.validation import frozen, listed, shown, whole_number
 if TYPE_CHECKING:
     import networkx
     from control import ControlPlot
-
-
-class Edge(NamedTuple):
-    """One move of a `SwitchingGraph`: from a node to a node by a step in a mode.
-
-    The step moves the second moment by ``S+ = A S A'`` and costs ``tr(Q S) + constant``, in the unit of
-    `Schedule.cost`: Q holds dk times the stage weight and what a switch costs by W2, the constant dk times the running
-    price and the fixed cost of the switch.
-
-    Parameters
-    ----------
-    tail, head : int
-        The nodes.
-    mode : int
-        Index of the mode.
-    A, Q : arrays, shape (n, n)
-        The step, and what it costs by the second moment before it.
-    constant : float
-        What it costs besides.
-    """
-
-    tail: int
-    head: int
-    mode: int
-    A: Array
-    Q: Array
-    constant: float
 
 
 class SwitchingGraph:

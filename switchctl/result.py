@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.continuation import lasting
-from switchctl.files import FormatError, check_seal, read_document, write_document, write_text
+from switchctl.files import FormatError, read_sealed, write_document, write_text
 from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.limits import indices
@@ -363,8 +363,7 @@ class Schedule:
         FormatError
             If the file is not a schedule of this version, was changed after it was written, or contradicts itself.
         """
-        document = read_document(path, "schedule", VERSION)
-        check_seal(path, document)
+        document = read_sealed(path, "schedule", VERSION)
         try:
             schedule = cls(*read_schedule(document))
             stored = document["cost"]

@@ -79,7 +79,7 @@ def test_a_cost_is_infinite_or_finite_as_the_mathematics_says(A, Q, cost):
 
 
 def test_schur_is_decided_near_the_ends_of_the_floating_point_range():
-    modes = ModeSet([1.7e308 * np.ones((2, 2)), [[0, 1e300], [0, 0]], 5e-324 * np.eye(2), 1e-300 * np.ones((2, 2))])
+    modes = ModeSet([1e300 * np.ones((2, 2)), [[0, 1e300], [0, 0]], 5e-324 * np.eye(2), 1e-300 * np.ones((2, 2))])
     assert modes.schur.tolist() == [False, True, True, True]
 
 
@@ -93,13 +93,17 @@ def test_units_change_no_decision_and_no_digit(scale):
         assert found.cost / whole / whole == pytest.approx(usual.cost, rel=1e-12)
 
 
-def test_moments_that_underflow_cost_nothing_and_the_lowest_index_wins():
+def test_moments_that_underflow_are_refused_and_rest_costs_nothing_in_the_first_mode():
     modes, tiny = ModeSet([CALM, FAST]), Gaussian([1e-200, 1e-200], np.zeros((2, 2)))
+    rest = Gaussian([0.0, 0.0], np.zeros((2, 2)))
     for method in METHODS:
-        found = schedule(modes, tiny, method, 3)
+        with pytest.raises(FloatingPointError, match="lost below the floating-point range; scale the state"):
+            schedule(modes, tiny, method, 3)
+        found = schedule(modes, rest, method, 3)
         assert found.cost == 0
         assert_array_equal(found.sequence, 0)
-    assert single_mode_costs(modes, tiny).tolist() == [0, 0]
+        assert method.start(modes).step(tiny.mean) == 0
+    assert single_mode_costs(modes, rest).tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("mean", [1e200, 1e308])
@@ -164,9 +168,15 @@ def test_great_states_hide_no_small_ones():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: moment_maps(np.broadcast_to(0.0, (1, 2000, 2000))), "2001000 by 2001000.*128,128 GB"),
-        (lambda: closed_form_w2(np.zeros((1, 200, 200)), np.array([0]), np.eye(200)), "40000 by 40000.*38 GB"),
-        (lambda: FewSwitches(1).start(ModeSet([0.5 * np.eye(150)] * 2)).step(np.ones(150)), "of 150 states.*8 GB"),
+        (lambda: moment_maps(np.broadcast_to(0.0, (1, 2000, 2000))), r"2001000 by 2001000.*1\.28e\+14 bytes"),
+        (
+            lambda: closed_form_w2(np.zeros((1, 200, 200)), np.array([0]), np.eye(200)),
+            r"40000 by 40000.*3\.84e\+10 bytes",
+        ),
+        (
+            lambda: FewSwitches(1).start(ModeSet([0.5 * np.eye(150)] * 2)).step(np.ones(150)),
+            r"150 states.*8\.21e\+09",
+        ),
     ],
     ids=["moment maps", "Kronecker products", "a plan"],
 )

@@ -25,6 +25,11 @@ class Certificate:
     document : dict
         Data, claim and witness, as the file has them.
 
+    Raises
+    ------
+    TypeError
+        If a part is missing.
+
     Examples
     --------
     >>> from switchctl.certificates import certify

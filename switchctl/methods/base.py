@@ -222,6 +222,11 @@ class Scheduler(ABC):
         -------
         int
             Index of the mode.
+
+        Raises
+        ------
+        TypeError, LookupError, ValueError
+            If `decide` chose what is no mode, or one that the rules don't allow.
         """
         mode = find(self.modes, chosen := self.decide(S), f"{type(self).__name__}.decide")
         if mode != chosen and not isinstance(chosen, str):

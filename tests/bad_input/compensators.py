@@ -79,6 +79,6 @@ ROWS = [
         "close_loops",
         lambda count: close_loops(first_order(dt=0.1, A=0.5), [twenty()] * count, inactive="reset"),
         dict,
-        ("too many states", {"count": 60}, MemoryError, "60 controllers with 1200 states", "would need 125 GB"),
+        ("too many states", {"count": 60}, MemoryError, "60 controllers with 1200 states", "1.25e+11 bytes"),
     ),
 ]  # fmt: skip

@@ -62,7 +62,7 @@ def after_a_step(method, name):
     return call
 
 
-def refused_midway(method, times=len(SAMPLES), **given):
+def refused_midway(method, times=None, **given):
     """A refused step in a run: it must leave the scheduler as it was, and the decisions as they would have been."""
     undisturbed, scheduler = method.start(modes()), method.start(modes())
     refusal = None

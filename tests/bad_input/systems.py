@@ -30,9 +30,15 @@ def filtered():
 
 
 SHARED = [
-    ("no method", {"method": None}, TypeError, "method must be a Method such as RecedingHorizon", "not a NoneType"),
-    ("a name as method", {"method": "Rollout"}, TypeError, "method must be a Method", "not a str"),
-    ("the class of a method", {"method": Rollout}, TypeError, "method must be a Method", "not the class Rollout"),
+    ("no method", {"method": None}, TypeError, "method must be a Method such as RecedingHorizon", "not None"),
+    ("a name as method", {"method": "Rollout"}, TypeError, "method must be a Method", "not 'Rollout'"),
+    (
+        "the class of a method",
+        {"method": Rollout},
+        TypeError,
+        "method must be a Method",
+        "rollout.Rollout'>",
+    ),
     ("no modes", {"modes": None}, TypeError, "modes must be", "not a NoneType"),
     ("matrices as modes", {"modes": np.ones((2, 2, 2))}, TypeError, "modes must be", "not a ndarray"),
     (
