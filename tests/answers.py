@@ -69,8 +69,8 @@ class Cases:
         self.plant, self.random = plant, ModeSet(np.random.default_rng(5).standard_normal((3, 6, 6)) * 0.34)
 
 
-def questions(cases, found):
-    """By name, what computes an answer; some use those already found."""
+def questions(cases, known):
+    """By name, what computes an answer; some use those already known."""
     five, x0, pair, graph = cases.five, cases.start, cases.pair, cases.graph
     asked = {}
     for name, method in METHODS.items():
@@ -80,7 +80,7 @@ def questions(cases, found):
             asked[f"{name}, rules"] = lambda method=method: schedule(pair, cases.x0, method, rules=graph)
     asked |= {
         "policy": lambda: Optimal(gap=0.2, time_limit=ENDLESS).policy(pair),
-        "followed": lambda: schedule(pair, cases.x0, found["policy"]),
+        "followed": lambda: schedule(pair, cases.x0, known["policy"]),
         "finite": lambda: schedule(five, x0, Optimal(gap=1e-3, time_limit=ENDLESS), 30, terminal=np.eye(2)),
         "hard": lambda: schedule(cases.quadrotor, cases.attitude, Optimal(gap=6e-2, time_limit=ENDLESS)),
         "six states": lambda: schedule(
@@ -91,9 +91,9 @@ def questions(cases, found):
         "sweep": lambda: sweep(five, x0, [1, 5, 20], [1, 3]).cost,
         "trade-off": lambda: trade_off(pair, cases.x0, Rules(switch_cost=0.1), over="min_dwell", values=[1, 5]).rows(),
         "samples": lambda: monte_carlo(compare(five, x0, [Rollout(), PointwiseMinimum()]), 3000, seed=3),
-        "noisy samples": lambda: monte_carlo(found["noise"], 300, steps=50, seed=3),
+        "noisy samples": lambda: monte_carlo(known["noise"], 300, steps=50, seed=3),
         "run": lambda: simulate(cases.plant, cases.noisy, Rollout(), Gaussian([1.0, 0.0], np.eye(2)), 30, seed=4),
-        "runs": lambda: monte_carlo(found["noise"], 3, steps=10, seed=3, plant=cases.plant),
+        "runs": lambda: monte_carlo(known["noise"], 3, steps=10, seed=3, plant=cases.plant),
     }
     limit = {"time_limit": ENDLESS}
     asked |= {
@@ -113,7 +113,7 @@ def questions(cases, found):
     }
     proven = "refine", "optimal, five modes", "finite", "growth", "growth under rules", "dwell", "dwells"
     for name in (*proven, "average dwell", "help", "of rollout", "word"):
-        asked[f"certificate of {name}"] = lambda name=name: json.dumps(certified(found[name]).document)
+        asked[f"certificate of {name}"] = lambda name=name: json.dumps(certified(known[name]).document)
     return asked
 
 
@@ -154,9 +154,15 @@ def digest(found):
     return hashlib.sha256(json.dumps(plain(found)).encode()).hexdigest()[:12]
 
 
-def answers(cases=None):
+def found(cases=None, without=()):
+    """Every answer, by name."""
+    known = {}
+    for name, ask in questions(Cases() if cases is None else cases, known).items():
+        if name not in without:
+            known[name] = ask()
+    return known
+
+
+def digests(answers):
     """The digest of every answer, by name."""
-    found = {}
-    for name, ask in questions(Cases() if cases is None else cases, found).items():
-        found[name] = ask()
-    return {name: digest(answer) for name, answer in found.items()}
+    return {name: digest(answer) for name, answer in answers.items()}
