@@ -55,6 +55,7 @@ def certify(
     Returns
     -------
     Certificate
+        Only whole: Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------

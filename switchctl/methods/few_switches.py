@@ -36,7 +36,8 @@ class FewSwitches(Method):
     switches, the first blocks are branched over, and a branch is cut where its cost and a lower bound of what follows
     exceed the best known.
 
-    It plans at its first sample, which may take seconds, and doesn't look at later ones.
+    It plans at its first sample, which may take seconds, and doesn't look at later ones. Ctrl-C ends the search with
+    the best schedule so far, whose ``status`` is "interrupted".
 
     Parameters
     ----------

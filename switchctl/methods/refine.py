@@ -38,7 +38,7 @@ class Refine(Method):
     cost is that of a complete schedule, to the end of time, so it never increases.
 
     It plans at its first sample, which may take seconds, and doesn't look at later ones. It may end short of the
-    optimum.
+    optimum. Ctrl-C ends the search with the best schedule so far, whose ``status`` is "interrupted".
 
     Parameters
     ----------

@@ -235,6 +235,7 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     Returns
     -------
     DwellTimes
+        Ctrl-C ends the search with the dwell times found so far, once any are.
 
     Raises
     ------
