@@ -277,10 +277,16 @@ def word_tail(A: Array, Q: Array, word: tuple[int, ...]) -> Array | None:
     >>> word_tail(A, Q, (1, 0))  # 1 + 1 + 1/4 + 1/4 + ..
     array([[2.66666667]])
     """
-    steps, weights = [A[mode] for mode in word], [Q[mode] for mode in word]
-    period = _along(steps, weights, np.zeros_like(Q[0]))[-1]
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite proves nothing
+        return _word_tail([A[mode] for mode in word], [Q[mode] for mode in word])
+
+
+def _word_tail(steps: list[Array], weights: list[Array]) -> Array | None:
+    period = _along(steps, weights, np.zeros_like(weights[0]))[-1]
+    if not np.isfinite(period).all():
+        raise np.linalg.LinAlgError("the cost of a period exceeds the floating-point range: rescale the states")
     states = seen(_product(steps), period)
-    for k in reversed(range(len(word))):
+    for k in reversed(range(len(steps))):
         steps[k] = np.where(states[:, None], steps[k], 0.0)
         states = (np.diag(weights[k]) > 0) | (steps[k] != 0).any(axis=0)
     if not is_schur(*steps):

@@ -8,7 +8,7 @@ import pytest
 from switchctl import FormatError, Gaussian, ModeSet, Rollout, Schedule, schedule
 from switchctl.certificates import Certificate, certify, check
 from switchctl.files import write_document
-from switchctl.gramians import tail
+from switchctl.gramians import tail, word_tail
 from switchctl.load_model import load_model
 from switchctl.moments import root
 from switchctl.stability import word_stability
@@ -101,3 +101,22 @@ def test_a_state_known_exactly_has_no_uncertainty_of_rounding():
 )
 def test_verdicts_near_the_end_of_the_range(A, verdict):
     assert verdict in repr(ModeSet([A]))
+
+
+@pytest.mark.parametrize("entry", [1e90, 1e153, 1e155, 1e200, 1e307])
+def test_words_of_great_entries_are_right_or_refused(entry):
+    A = np.array([[[0.5, entry], [0.0, 0.5]], [[0.5, 0.0], [0.0, 0.5]], [[0.5, 0.0], [1 / entry, 0.5]]])
+    Q = np.array([np.eye(2)] * 3)
+    for word in ((0,), (0, 1), (1, 0), (0, 2), (2, 0), (0, 0, 1)):
+        try:
+            P = word_tail(A, Q, word)
+        except np.linalg.LinAlgError:
+            assert entry > 1e90 or word in ((0, 2), (2, 0))
+            continue
+        if {0, 2} <= set(word):
+            assert P is None  # a pole at 1.16
+            continue
+        period = np.zeros((2, 2))
+        for mode in reversed(word):
+            period = Q[mode] + A[mode].T @ period @ A[mode]
+        assert (np.diag(P) >= np.diag(period) * (1 - 1e-12)).all() and np.isfinite(P).all()
