@@ -10,6 +10,7 @@ from accuracy_cases import FAMILIES, rotated, rotation, words
 from fixed_point import bits_of, errors, exact_horizon, exact_tail, fixed, ratios
 from random_cases import random_gaussian, random_modes
 
+from switchctl import ModeSet, RecedingHorizon
 from switchctl.gramians import horizon_gramians, is_schur, tail, word_tail
 from switchctl.moments import constant_w2, moment_factor, moment_maps, root, smat, stepped, svec, trajectory
 
@@ -157,6 +158,25 @@ def test_horizon_gramians_are_the_sums(family):
         assert (
             errors(G[case.seen][:, case.seen], exact[case.seen][:, case.seen], bits)[1] <= 100 * EPS * max(norms) ** 2
         ), case.name
+
+
+def test_a_receding_horizon_refuses_costs_that_rounding_hides():
+    rng, refused, worst = np.random.default_rng(11), 0, 0.0
+    for _ in range(200):
+        n, T = int(rng.integers(2, 6)), int(rng.choice([3, 10, 20, 40]))
+        couplings = 10 ** (rng.uniform(0, 6.5) / (n - 1)) * np.triu(rng.standard_normal((n, n)), 1)
+        U = rotation(rng, n)
+        A = U @ (np.diag(rng.uniform(-0.95, 0.95, n)) + couplings) @ U.T
+        try:
+            RecedingHorizon(T).start(ModeSet([A, 0.5 * np.eye(n)])).step(np.ones(n))
+        except np.linalg.LinAlgError as error:
+            assert "rounding hides what mode 'A0' costs" in str(error)
+            refused += 1
+            continue
+        exact, bits = exact_horizon(A, np.eye(n), T + 1)
+        worst = max(worst, *errors(horizon_gramians(A[None], np.eye(n)[None], T)[0], exact, bits))
+    assert worst < 1e-2
+    assert 10 < refused < 60
 
 
 def exact_factors(A, word, F, bits):

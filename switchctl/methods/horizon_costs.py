@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.continuation import as_rows
-from switchctl.gramians import Block, affine_gramians, transform
+from switchctl.gramians import Block, affine_gramians, regrouped_gramians, transform
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
 from switchctl.moments import Array
@@ -18,6 +18,7 @@ from switchctl.storage import affordable
 from switchctl.values import Value, switched
 
 _TABLES = 1024
+_ACCURACY = 1e-3  # by how much two ways of adding a horizon's costs up may differ; it is about the error of each
 
 
 class Candidates(NamedTuple):
@@ -118,14 +119,26 @@ class HorizonCosts:
         lasting = (heads >= 0) & reaching[heads]
         return np.where(lasting.any(axis=1)[:, None], lasting, heads >= 0)
 
+    def _block(self, steps: int) -> Block:
+        """So many steps of each mode; an error where rounding hides what they cost."""
+        modes = self.graph.modes
+        with np.errstate(over="ignore", invalid="ignore"):
+            block = affine_gramians(modes.A, modes.Q, modes.W, self.graph.price + modes.offset, modes.discount, steps)
+            again = regrouped_gramians(np.sqrt(modes.discount) * modes.A, modes.Q, steps)
+            costs, difference = (np.diagonal(G, axis1=-2, axis2=-1) for G in (block.G, np.abs(block.G - again)))
+            hidden = np.flatnonzero((difference > _ACCURACY * costs).any(axis=-1))
+        if hidden.size:
+            raise np.linalg.LinAlgError(
+                f"rounding hides what mode {modes.names[hidden[0]]!r} costs over a horizon of {steps - 1} steps, for "
+                "its powers grow so much before they shrink; rescale the states, or choose a shorter horizon"
+            )
+        return block
+
     def _held(self, mode: int, steps: int, after: Value | None = None) -> Value:
         """What a mode costs over some steps, and then perhaps something of known value."""
-        modes, graph = self.graph.modes, self.graph
+        modes = self.graph.modes
         if steps not in self.blocks:
-            with np.errstate(over="ignore", invalid="ignore"):
-                self.blocks[steps] = affine_gramians(
-                    modes.A, modes.Q, modes.W, graph.price + modes.offset, modes.discount, steps
-                )
+            self.blocks[steps] = self._block(steps)
         block = self.blocks[steps]
         P, paid = block.G[mode], float(block.constant[mode])
         if after is not None:
