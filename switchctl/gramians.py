@@ -5,6 +5,7 @@ one linear functional of the second moment.
 """
 
 from collections.abc import Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -198,7 +199,28 @@ def _part_is_schur(steps: list[Array]) -> bool | None:
         if _majorant(steps, M, D, D) is not None:
             return True
         D = np.diag(np.diag(_doubled(M, D)))
-    return None
+    return False if _some_beyond(steps, M) else None
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _some_beyond(steps: list[Array], M: Array) -> bool:
+    """Whether the mean of some eigenvalues near each other has modulus 1, so that not all of them are less.
+
+    Rounding moves a multiple eigenvalue much and such a mean little: by the perturbation times the norm of the projector
+    on their invariant subspace, whose complement the other eigenvectors span.
+    """
+    (values, V), (lefts, W) = np.linalg.eig(M), np.linalg.eig(M.T)
+    size = np.abs(_product([np.abs(A) for A in steps]))
+    for near, count in product(values[np.abs(values) > 1 - 1e-4], range(2, len(M) + 1)):
+        far, left_far = np.abs(values - near).argsort()[count:], np.abs(lefts - near).argsort()[count:]
+        U = np.linalg.qr(W[:, left_far].conj(), mode="complete")[0][:, len(M) - count :]
+        Z = np.linalg.qr(V[:, far], mode="complete")[0][:, len(M) - count :]
+        B = U.conj().T @ M @ U
+        wrong = np.linalg.norm(M @ U - U @ B) + len(steps) * len(M) * _EPS * np.linalg.norm(size)
+        projector = 1 / np.linalg.svd(Z.conj().T @ U, compute_uv=False).min()
+        if abs(np.trace(B)) / count - 2 * wrong * projector > 1 - 1e-12:
+            return True
+    return False
 
 
 @np.errstate(over="ignore", invalid="ignore")

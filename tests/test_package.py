@@ -209,7 +209,7 @@ def test_the_kernel_knows_only_numpy():
             for node in ast.walk(ast.parse((PACKAGE / f"{name}.py").read_text()))
             if isinstance(node, ast.Import | ast.ImportFrom)
         }
-        assert imported <= {"numpy", "switchctl", "functools", "collections", "typing"}
+        assert imported <= {"numpy", "switchctl", "functools", "collections", "itertools", "typing"}
 
 
 def test_importing_the_package_adds_little_to_python_control_and_changes_nothing():

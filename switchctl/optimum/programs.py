@@ -1,5 +1,6 @@
 """The semidefinite program for a lower bound, and the check of what its solver returns."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,17 @@ _ROUNDING = np.finfo(float).eps
 _FEASIBLE = 1e-10
 
 
+def solver() -> Any:
+    """Clarabel, imported where it is first needed; an import that Ctrl-C cuts short leaves nothing half done."""
+    try:
+        import clarabel
+    except BaseException:
+        for name in [name for name in sys.modules if name.split(".")[0] == "clarabel"]:
+            del sys.modules[name]
+        raise
+    return clarabel
+
+
 def primal_and_dual(
     objective: Array,
     matrix: Any,
@@ -23,7 +35,7 @@ def primal_and_dual(
     gap: float | None = None,
 ) -> tuple[Array, Array] | None:
     """What the solver returns for a conic program, not to be trusted; None if it fails or returns no finite numbers."""
-    import clarabel
+    clarabel = solver()
 
     size = len(objective)
     settings = clarabel.DefaultSettings()
@@ -87,7 +99,7 @@ class Program:
         least: Array | None,
         ceiling: Array | None = None,
     ) -> None:
-        import clarabel
+        clarabel = solver()
 
         self.clarabel, self.guard, self.ceiling = clarabel, guard, ceiling
         n, d = decisions.n, len(decisions.identity)

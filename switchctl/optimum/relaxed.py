@@ -20,7 +20,7 @@ from switchctl.continuation import Continuations, Plan
 from switchctl.gramians import transform
 from switchctl.moments import Array, svec
 from switchctl.optimum.decisions import Decisions, Move
-from switchctl.optimum.programs import solution
+from switchctl.optimum.programs import solution, solver
 
 _ROUNDING = 1e-9  # what is taken off the guarantee for rounding in the P themselves
 
@@ -172,7 +172,7 @@ def _ratio(here: float, ahead: float, paid: float) -> float:
 
 def _combination(below: Array, above: Array, excess: Array, constant: float) -> Array | None:
     """Weights a with the least f such that ``sum_p a_p P_p <= f I + M`` and ``a . excess <= f constant``."""
-    import clarabel
+    clarabel = solver()
 
     r, n, _ = below.shape
     # variables (a, f); a >= 0, sum a = 1, and f I + M - sum a P semidefinite

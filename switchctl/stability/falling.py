@@ -12,7 +12,7 @@ from switchctl.graph import SwitchingGraph
 from switchctl.methods.least import TIE
 from switchctl.moments import Array, svec
 from switchctl.optimum.minorants import below
-from switchctl.optimum.programs import solution
+from switchctl.optimum.programs import solution, solver
 from switchctl.stability.growth import definite
 
 _WALKS = 1024  # of as many steps as are looked at, from all nodes
@@ -134,7 +134,7 @@ def largest_share(Q: Array, P: Array) -> tuple[float, Array]:
 
 def _mix(N: Array) -> Array | None:
     """Numbers a, which add up to 1, with the least greatest eigenvalue of ``sum_p a_p N_p``."""
-    import clarabel
+    clarabel = solver()
 
     r, n, _ = N.shape
     matrix = sparse.csc_matrix(np.concatenate([-np.eye(r), svec(N).T]))

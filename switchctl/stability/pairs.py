@@ -16,7 +16,7 @@ from switchctl.gramians import tail, transform
 from switchctl.modes import ModeSet
 from switchctl.moments import Array, smat, svec
 from switchctl.optimum.minorants import below
-from switchctl.optimum.programs import primal_and_dual
+from switchctl.optimum.programs import primal_and_dual, solver
 
 _WORDS = 4096
 _SEEN = 1e-9  # directions of less weight, in units of the states, count as unseen
@@ -255,7 +255,7 @@ def _least(X: Array, size: Array, T: Array) -> float:
 
 def _combination(P: Array, M: Array) -> tuple[Array, Array] | None:
     """Weights alpha with the least r such that ``sum_p alpha_p P_p <= M + r I``, and the dual moment of trace 1."""
-    import clarabel
+    clarabel = solver()
 
     r, n, _ = P.shape
     # variables (alpha, r); sum alpha = 1, alpha >= 0, and M + r I - sum_p alpha_p P_p semidefinite

@@ -13,7 +13,7 @@ from scipy.optimize import root_scalar
 
 from switchctl.gramians import transform
 from switchctl.moments import Array, moment_maps, smat, svec
-from switchctl.optimum.programs import solution
+from switchctl.optimum.programs import solution, solver
 from switchctl.stability.moves import LEAST, Moves
 
 _DENSE = 3000  # unknowns of a linear system solved for a first P
@@ -118,7 +118,7 @@ def quadratic_norms(
 
 class _Program:
     def __init__(self, moves: Moves, P: Array, deadline: float) -> None:
-        import clarabel
+        clarabel = solver()
 
         self.moves, self.deadline = moves, deadline
         self.T = np.swapaxes(np.linalg.cholesky(P), -1, -2)
