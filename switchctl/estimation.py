@@ -5,8 +5,9 @@ from typing import Any
 import control
 import numpy as np
 
-from switchctl.gramians import is_schur, tail
+from switchctl.gramians import tail
 from switchctl.moments import Array
+from switchctl.schur import is_schur
 from switchctl.validation import positive_semidefinite, real_array
 
 

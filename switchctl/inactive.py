@@ -6,8 +6,9 @@ import numpy as np
 from control import ControlDimension
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from switchctl.gramians import is_schur, tail
+from switchctl.gramians import tail
 from switchctl.moments import Array
+from switchctl.schur import is_schur
 from switchctl.validation import real_array
 
 Inactive = Literal["track", "reset", "hold", "run"] | tuple[Literal["track", "reset"], Any]

@@ -18,6 +18,7 @@ import numpy as np
 from switchctl.closed_loop import close_loops
 from switchctl.files import FormatError, read_json
 from switchctl.gaussian import Gaussian
+from switchctl.mat_reader import KNOWN
 from switchctl.methods import Method, Rollout
 from switchctl.modes import ModeSet
 from switchctl.rules import Rules
@@ -133,11 +134,10 @@ def _from_module(module: ModuleType, name: str) -> Model:
 
 
 def _from_matrices(content: dict[str, Any], name: str) -> Model:
-    known = {"A", "names", "states", "dt", "Q", "mean", "cov"}
     if "A" not in content:
         raise FormatError(f"{name} holds no A, the matrices of the modes; it holds {', '.join(content) or 'nothing'}")
-    if unknown := set(content) - known:
-        raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(known))}")
+    if unknown := set(content) - KNOWN:
+        raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(KNOWN))}")
     modes = ModeSet(
         content["A"], content.get("names"), content.get("dt", True), Q=content.get("Q"), states=content.get("states")
     )

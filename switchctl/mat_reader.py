@@ -8,6 +8,9 @@ import json
 import sys
 from typing import Any
 
+KNOWN = {"A", "names", "states", "dt", "Q", "mean", "cov"}
+"""What a model file may hold."""
+
 
 def plain(value: Any, name: str) -> Any:
     """A variable as nested lists."""
@@ -28,7 +31,7 @@ def variables(path: str) -> dict[str, Any]:
     from scipy.io import loadmat
 
     content = {key: value for key, value in loadmat(path).items() if not key.startswith("__")}
-    found = {name: plain(value, name) for name, value in content.items()}
+    found = {name: plain(value, name) if name in KNOWN else None for name, value in content.items()}
     for name in {"A", "Q"} & found.keys():
         # MATLAB stacks along the third axis; a cell array arrives as an array of objects.
         if content[name].dtype != object and (name == "A" or content[name].ndim == 3):

@@ -10,9 +10,10 @@ from control import ControlDimension
 from numpy.typing import NDArray
 
 from switchctl import mode_checks as checks
-from switchctl.gramians import is_schur, tail, transform
+from switchctl.gramians import tail
 from switchctl.mode_checks import Cost
-from switchctl.moments import Array, root
+from switchctl.moments import Array, root, transform
+from switchctl.schur import is_schur
 from switchctl.tables import html_table
 from switchctl.validation import frozen, positive_semidefinite, real_array, sampling_period, whole_number
 

@@ -305,3 +305,24 @@ def closed_form_w2(A: Array, sequence: NDArray[np.intp], S: Array) -> float:
     for mode in sequence:
         product = np.kron(A[mode], A[mode]) @ product
     return float(np.eye(n).ravel() @ product @ S.ravel())
+
+
+def transform(M: Array, G: Array) -> Array:
+    """``M' G M``, symmetrised: what a cost matrix G is worth before a step M.
+
+    Parameters
+    ----------
+    M, G : arrays, shape (..., n, n)
+        A mode (or a power of one), and a symmetric matrix.
+
+    Returns
+    -------
+    array, shape (..., n, n)
+
+    Examples
+    --------
+    >>> transform(np.array([[0.5]]), np.array([[4.0]]))
+    array([[1.]])
+    """
+    product = np.swapaxes(M, -1, -2) @ G @ M
+    return (product + np.swapaxes(product, -1, -2)) / 2

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.gramians import seen, tail, transform, word_tail
+from switchctl.gramians import seen, tail, word_tail
 from switchctl.graph import SwitchingGraph
 from switchctl.modes import ModeSet
-from switchctl.moments import Array
+from switchctl.moments import Array, transform
 
 
 class Value(NamedTuple):

@@ -11,8 +11,9 @@ from fixed_point import bits_of, errors, exact_horizon, exact_tail, fixed, ratio
 from random_cases import random_gaussian, random_modes
 
 from switchctl import ModeSet, RecedingHorizon
-from switchctl.gramians import horizon_gramians, is_schur, tail, word_tail
+from switchctl.gramians import horizon_gramians, tail, word_tail
 from switchctl.moments import constant_w2, moment_factor, moment_maps, root, smat, stepped, svec, trajectory
+from switchctl.schur import is_schur
 
 EPS = np.finfo(float).eps
 # How many of each family are refused, at most: by these and no fewer answers the kernel is pessimistic.

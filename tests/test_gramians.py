@@ -2,9 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from switchctl.gramians import affine_gramians, horizon_gramians, is_schur, seen, tail, transform, word_tail
-from switchctl.moments import closed_form_w2, constant_w2, moment_factor, moment_maps, root, second_moment, smat, svec
+from switchctl.gramians import affine_gramians, horizon_gramians, seen, tail, word_tail
+from switchctl.moments import (
+    closed_form_w2,
+    constant_w2,
+    moment_factor,
+    moment_maps,
+    root,
+    second_moment,
+    smat,
+    svec,
+    transform,
+)
+from switchctl.schur import is_schur
 
 
 def test_batches_of_batches():
@@ -144,3 +156,34 @@ def test_the_order_of_a_word():
             cost += power.T @ Q[word[k % len(word)]] @ power
             power = A[word[k % len(word)]] @ power
         np.testing.assert_allclose(word_tail(A, Q, word), cost, rtol=1e-12)
+
+
+def carts(count, stiffness, damping, dt):
+    """Carts in a row with springs between: the whole coasts, which is a double pole at 1."""
+    chain = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+    chain[0, 0] = chain[-1, -1] = 1.0
+    rates = np.block([[np.zeros((count, count)), np.eye(count)], [-stiffness * chain, -damping * chain]])
+    return expm(dt * rates)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize(("stiffness", "damping"), [(1.0, 0.0), (1.0, 0.1), (1.0, 5.0), (100.0, 0.0), (100.0, 0.1)])
+@pytest.mark.parametrize("dt", [0.01, 0.1])
+def test_a_body_that_coasts_is_not_schur_in_any_coordinates(count, stiffness, damping, dt):
+    A = carts(count, stiffness, damping, dt)
+    basis = np.linalg.qr(np.random.default_rng(count).standard_normal(A.shape))[0]
+    assert not is_schur(A)
+    assert not is_schur(basis @ A @ basis.T)
+    assert is_schur(0.99 * A)
+
+
+@pytest.mark.parametrize("poles", [[1.0] * 2, [-1.0] * 2, [1.0] * 3, [1.0, 1.0, -1.0, -1.0]])
+def test_multiple_poles_in_companion_form(poles):
+    poly = np.poly(poles)
+    companion = np.vstack([-poly[1:], np.eye(len(poly) - 1)[:-1]])
+    assert not is_schur(companion)
+    assert is_schur(0.999 * companion)
+    try:
+        assert is_schur((1 - 1e-9) * companion)  # Schur, if barely: an error may say that rounding hides it
+    except np.linalg.LinAlgError:
+        pass

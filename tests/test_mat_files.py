@@ -22,10 +22,11 @@ A = np.moveaxis(np.array([[[0.5, 0.1], [0.0, 0.3]], [[0.2, 0.0], [0.4, 0.1]]]), 
         ({"A": {"field": 1.0}}, "A must hold real numbers, words or cells of them, not void"),
         ({"A": A * 1j}, "A must hold real numbers.* not complex128"),
         ({"A": A, "K": 1.0}, "holds 'K'; expected only A,"),
+        ({"A": A, "info": {"who": "me"}}, "holds 'info'; expected only A,"),
         ({"Q": np.eye(2)}, "holds no A"),
         ({}, "holds nothing"),
     ],
-    ids=["sparse", "struct", "complex", "stray", "no A", "empty"],
+    ids=["sparse", "struct", "complex", "stray", "stray struct", "no A", "empty"],
 )
 def test_what_is_no_model_is_a_format_error(tmp_path, content, words):
     scipy.io.savemat(tmp_path / "m.mat", content)

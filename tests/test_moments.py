@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from random_cases import random_gaussian, random_modes
 
 from switchctl import Gaussian, ModeSet, Schedule
-from switchctl.gramians import horizon_gramians, is_schur, tail, word_tail
+from switchctl.gramians import horizon_gramians, tail, word_tail
 from switchctl.moments import (
     closed_form_w2,
     constant_w2,
@@ -19,6 +19,7 @@ from switchctl.moments import (
     svec,
     trajectory,
 )
+from switchctl.schur import is_schur
 
 sizes = st.tuples(st.integers(1, 6), st.integers(1, 4), st.integers(0, 2**32 - 1))
 

@@ -24,7 +24,7 @@ import switchctl.stability
 PACKAGE = Path(switchctl.__file__).parent
 # From left to right, as data flows; a module may import those before it.
 ORDER = [
-    "storage moments gramians tables files mat_reader switches edges",
+    "storage moments schur gramians tables files mat_reader switches edges",
     "validation",
     "mode_checks",
     "gaussian modes rules",
@@ -203,7 +203,7 @@ def test_what_stands_left_never_imports_what_stands_right():
 
 
 def test_the_kernel_knows_only_numpy():
-    for name in ("moments", "gramians"):
+    for name in ("moments", "schur", "gramians"):
         imported = {
             (node.module if isinstance(node, ast.ImportFrom) else node.names[0].name).split(".")[0]
             for node in ast.walk(ast.parse((PACKAGE / f"{name}.py").read_text()))

@@ -5,9 +5,10 @@ import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from switchctl import FewSwitches, Gaussian, ModeSet, Optimal, RecedingHorizon, Refine, Rollout, schedule
-from switchctl.gramians import affine_gramians, is_schur, seen, tail
+from switchctl.gramians import affine_gramians, seen, tail
 from switchctl.moments import moment_factor, stepped
 from switchctl.sampling import exact_step
+from switchctl.schur import is_schur
 
 
 def hidden(rng, n, unseen, radius=1.5):

@@ -9,10 +9,10 @@ import numpy as np
 
 from switchctl.certificates import check
 from switchctl.certificates.certificate import SHARES, Certificate, exact, holds
-from switchctl.gramians import transform, word_tail
+from switchctl.gramians import word_tail
 from switchctl.methods import Rollout
 from switchctl.modes import ModeSet
-from switchctl.moments import Array
+from switchctl.moments import Array, transform
 from switchctl.stability import PolicyStability, SwitchingHelp
 from switchctl.stability.falling import largest_share
 from switchctl.values import require_plain_total

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.continuation import as_rows
-from switchctl.gramians import Block, affine_gramians, regrouped_gramians, transform
+from switchctl.gramians import Block, affine_gramians, regrouped_gramians
 from switchctl.methods.base import InfiniteCostError, Scheduler
 from switchctl.methods.constant import require_schur
-from switchctl.moments import Array
+from switchctl.moments import Array, transform
 from switchctl.storage import affordable
 from switchctl.values import Value, switched
 

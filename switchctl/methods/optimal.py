@@ -10,7 +10,6 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.continuation import Plan, shortest, wander
-from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph, graph_under
 from switchctl.methods.base import InfiniteCostError, Method, Scheduler
 from switchctl.methods.least import TIE
@@ -19,7 +18,7 @@ from switchctl.methods.policy import Policy
 from switchctl.methods.prediction import CEILING, CONVERGED, INTERRUPTED
 from switchctl.methods.refine import LocalSearch, Refine
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, svec
+from switchctl.moments import Array, svec, transform
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search

@@ -8,14 +8,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods.base import Method, Scheduler
 from switchctl.methods.horizon_costs import HorizonCosts
 from switchctl.methods.least import TIE, least_cost
 from switchctl.methods.towards import towards
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, svec
+from switchctl.moments import Array, svec, transform
 from switchctl.validation import number, whole_number
 
 _LONGEST = 100_000  # steps of a lengthened hold

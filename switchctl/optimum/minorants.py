@@ -8,8 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from switchctl.gramians import transform
-from switchctl.moments import Array, svec
+from switchctl.moments import Array, svec, transform
 
 _ROUNDS = 1000
 _WORDS = 1024

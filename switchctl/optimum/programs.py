@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from switchctl.gramians import transform
-from switchctl.moments import Array, moment_maps, smat, svec
+from switchctl.moments import Array, moment_maps, smat, svec, transform
 from switchctl.optimum.decisions import Decisions
 
 _ROUNDING = np.finfo(float).eps

@@ -17,8 +17,7 @@ from scipy import sparse
 from tqdm import tqdm
 
 from switchctl.continuation import Continuations, Plan
-from switchctl.gramians import transform
-from switchctl.moments import Array, svec
+from switchctl.moments import Array, svec, transform
 from switchctl.optimum.decisions import Decisions, Move
 from switchctl.optimum.programs import solution, solver
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from switchctl.continuation import Continuations, Plan
-from switchctl.gramians import seen, transform
-from switchctl.moments import Array, moment_maps, smat, svec
+from switchctl.gramians import seen
+from switchctl.moments import Array, moment_maps, smat, svec, transform
 from switchctl.optimum.decisions import Decisions, Move
 
 _WALKS = 256

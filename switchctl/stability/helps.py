@@ -7,14 +7,14 @@ import numpy as np
 from tqdm import tqdm
 
 from switchctl.gaussian import Gaussian
-from switchctl.gramians import tail, transform, word_tail
+from switchctl.gramians import tail, word_tail
 from switchctl.graph import SwitchingGraph
 from switchctl.methods.boundary import initial_state
 from switchctl.methods.constant import single_mode_costs
 from switchctl.methods.optimal import OPTIMAL, Optimal
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet, require_modes
-from switchctl.moments import Array, smat
+from switchctl.moments import Array, smat, transform
 from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.upper import contracting_walk
 from switchctl.result import Schedule

@@ -310,8 +310,8 @@ class _Search:
                 return
             product, log = (product[0] / size, product[1] / size), log + np.log(size)
         assert product is not None
-        rate = float(proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word))) * unit
-        rate *= 1 - 4 * np.finfo(float).eps * (1 + abs(log) / len(word))
+        rate = proven_radius(product) ** (1 / len(word)) * np.exp(log / len(word)) * unit
+        rate = float(rate * (1 - 4 * np.finfo(float).eps * (1 + abs(log) / len(word))))
         if rate > self.lower * (1 + _ACCURACY):
             if len(self.part) == 1 and (self.part.lengths == 1).all():  # it may begin anywhere
                 word = min(word[k:] + word[:k] for k in range(len(word)))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack, matrix_balance, schur, solve_triangular
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from switchctl.gramians import transform
-from switchctl.moments import Array, moment_maps, smat, svec
+from switchctl.moments import Array, moment_maps, smat, svec, transform
 
 _DENSE = 1000  # rows up to which all eigenvalues are computed
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from switchctl.gramians import tail, transform
+from switchctl.gramians import tail
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, smat, svec
+from switchctl.moments import Array, smat, svec, transform
 from switchctl.optimum.minorants import below
 from switchctl.optimum.programs import primal_and_dual, solver
 

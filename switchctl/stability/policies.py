@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from switchctl.continuation import Continuations, policy_path, way_to_hold
-from switchctl.gramians import transform
 from switchctl.graph import SwitchingGraph, as_graph
 from switchctl.methods import (
     Constant,
@@ -21,7 +20,7 @@ from switchctl.methods import (
     Rollout,
 )
 from switchctl.modes import ModeSet
-from switchctl.moments import Array, smat
+from switchctl.moments import Array, smat, transform
 from switchctl.stability.falling import Fall, fall, largest_share, rounding, spread, walks
 from switchctl.stability.growth import Verdict, definite, transient
 from switchctl.stability.holds import longest_hold

@@ -11,8 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import root_scalar
 
-from switchctl.gramians import transform
-from switchctl.moments import Array, moment_maps, smat, svec
+from switchctl.moments import Array, moment_maps, smat, svec, transform
 from switchctl.optimum.programs import solution, solver
 from switchctl.stability.moves import LEAST, Moves
 
