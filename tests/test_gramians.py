@@ -187,3 +187,36 @@ def test_multiple_poles_in_companion_form(poles):
         assert is_schur((1 - 1e-9) * companion)  # Schur, if barely: an error may say that rounding hides it
     except np.linalg.LinAlgError:
         pass
+
+
+def test_a_verdict_of_parts():
+    basis = np.linalg.qr(np.random.default_rng(8).standard_normal((5, 5)))[0]
+    hidden = basis @ (np.diag(np.linspace(0.9, -0.9, 5)) + 1e4 * np.triu(np.ones((5, 5)), 1)) @ basis.T
+    for pole, told in ((0.5, None), (1.5, False)):
+        A = np.zeros((7, 7))
+        A[:5, :5], A[5, 5], A[6, 6] = hidden, pole, -0.25
+        if told is None:
+            with pytest.raises(np.linalg.LinAlgError, match="undecided"):
+                is_schur(A)
+        else:
+            assert is_schur(A) is told
+    with pytest.raises(np.linalg.LinAlgError, match="undecided"):
+        is_schur(hidden)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_words_of_states_that_only_some_of_their_steps_show(sign):
+    A = np.array(
+        [
+            [[0.5, sign * 1.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 1.5]],
+            [[0.5, 0.0, 0.0], [0.0, 0.5, sign * 0.5], [0.0, 0.0, 0.25]],
+            [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [1.0, 0.0, 3.0]],
+        ]
+    )
+    Q = np.array([np.diag([1.0, 0.0, 0.0]), np.diag([1.0, 0.0, 0.0]), np.zeros((3, 3))])
+    for word in ((0,), (2,), (0, 1), (1, 0), (0, 1, 1), (1, 0, 0), (0, 2), (2, 0), (0, 2, 2), (2, 2, 0)):
+        P, cost, power = word_tail(A, Q, word), np.zeros((3, 3)), np.eye(3)
+        for k in range(600):
+            cost += power.T @ Q[word[k % len(word)]] @ power
+            power = A[word[k % len(word)]] @ power
+        np.testing.assert_allclose(P, cost, rtol=1e-12)
