@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+
+from accuracy_cases import rotation
+from fixed_point import exact_tail
+
 from switchctl.gramians import affine_gramians, horizon_gramians, seen, tail, word_tail
 from switchctl.moments import (
     closed_form_w2,
@@ -220,3 +224,37 @@ def test_words_of_states_that_only_some_of_their_steps_show(sign):
             cost += power.T @ Q[word[k % len(word)]] @ power
             power = A[word[k % len(word)]] @ power
         np.testing.assert_allclose(P, cost, rtol=1e-12)
+
+
+def turned(rng, n, condition, pole):
+    """A mode with one pole at the unit circle, in coordinates of that condition."""
+    there = rotation(rng, n) @ np.diag(np.geomspace(1, condition, n)) @ rotation(rng, n)
+    return there @ np.diag(np.append(pole, rng.uniform(-0.9, 0.9, n - 1))) @ np.linalg.inv(there)
+
+
+def verdict(A):
+    try:
+        return is_schur(A)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def test_rounding_in_the_product_of_a_word_counts():
+    """Eigenvalues that rounding has moved over the circle, which the basis of its eigenvectors alone doesn't show."""
+    wrong = 0
+    for seed in (204, 304, 1326, 1372, 2150, 2898, 3004, 3258, 3860, 4344, 4384, 8868, 10104, 10736, 11400):
+        rng = np.random.default_rng(seed)
+        n, condition = int(rng.integers(2, 4)), 10 ** rng.uniform(1, 6)
+        pole = 1 + rng.choice([-1, 1]) * 10 ** rng.uniform(-13, -6)
+        U, W = rotation(rng, n), rotation(rng, n)
+        there = U @ np.diag(np.geomspace(1, condition, n)) @ W
+        A = there @ np.diag(np.append(pole, rng.uniform(-0.9, 0.9, n - 1))) @ np.linalg.inv(there)
+        schur = exact_tail([(A, np.eye(n))])[0] is not None
+        assert verdict(A) in (None, schur)
+        wrong += (np.abs(np.linalg.eigvals(A)).max() < 1) != schur
+    assert wrong  # so some of these are hard
+
+
+def test_discs_are_small_where_they_matter():
+    told = [verdict(turned(np.random.default_rng(k), n, 1e5, 1 + 1e-7)) for n in (6, 9) for k in range(8)]
+    assert True not in told and told.count(False) >= 10
