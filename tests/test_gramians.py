@@ -258,3 +258,8 @@ def test_rounding_in_the_product_of_a_word_counts():
 def test_discs_are_small_where_they_matter():
     told = [verdict(turned(np.random.default_rng(k), n, 1e5, 1 + 1e-7)) for n in (6, 9) for k in range(8)]
     assert True not in told and told.count(False) >= 10
+
+
+def test_verdicts_where_eigenvectors_are_no_basis():
+    A = np.array([[-0.5, -1.0, -1.0], [0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])  # poles -0.5, 0, 0 with two eigenvectors
+    assert verdict(A) is True and verdict(4 * A) is not True
