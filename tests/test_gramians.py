@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
-
-
 from accuracy_cases import rotation
 from fixed_point import exact_tail
+from scipy.linalg import expm
 
 from switchctl.gramians import affine_gramians, horizon_gramians, seen, tail, word_tail
 from switchctl.moments import (
