@@ -136,16 +136,16 @@ def test_more_switches_than_can_be_cost_nothing(pair):
 def test_an_interrupt_after_a_decision_leaves_a_whole_schedule(pair, monkeypatch, method, at):
     modes, x0 = pair
     rules = Rules(min_dwell=3) if isinstance(method, FewSwitches) else Rules(max_dwell=5)
-    original, count = Scheduler.choose, itertools.count(1)
+    original, count = Scheduler.take, itertools.count(1)
 
-    def choose(self, S):
+    def take(self, S):
         mode = original(self, S)
         if next(count) == at:
             raise KeyboardInterrupt
         return mode
 
     whole = schedule(modes, x0, method, steps=at - 1, rules=rules)
-    monkeypatch.setattr(Scheduler, "choose", choose)
+    monkeypatch.setattr(Scheduler, "take", take)
     cut = schedule(modes, x0, method, rules=rules)
     assert cut.status == "interrupted"
     assert (cut.sequence.tolist(), cut.lead, cut.tail) == (whole.sequence.tolist(), whole.lead, whole.tail)

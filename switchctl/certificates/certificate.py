@@ -191,8 +191,9 @@ class Certificate:
 
 def loosened(bound: float, prove: Callable[[float], None], down: bool = False) -> float:
     """A bound near the one given, above or below it, that holds in exact arithmetic."""
-    for share in SHARES:
-        claimed = bound * (1 - share if down else 1 + share) if bound else share
+    near = [bound * (1 - share if down else 1 + share) for share in SHARES] if bound else []
+    small = list(SHARES) if bound < 1e-6 and not down else []  # what hardly differs from zero
+    for claimed in [*near, *(least for least in small if least >= bound)]:
         if holds(partial(prove, claimed)):
             return claimed
     raise ValueError(f"the bound {bound} is too ill-conditioned to be proven in exact arithmetic")
