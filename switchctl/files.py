@@ -106,7 +106,7 @@ def read_sealed(path: str | os.PathLike[str], kind: str, version: int) -> dict[s
         raise FormatError(f"{path} is not a JSON file: {error}; mend it, or take another copy") from None
     if told != found:
         raise FormatError(
-            f"{path} was changed after it was written: its sha256 is {told!r:.80}, its content has {found!r}. "
+            f"{path} was changed after it was written: its sha256 is not that of its content. "
             "Take another copy, or make it anew"
         )
     return document

@@ -210,9 +210,7 @@ def _word_tail(steps: list[Array], weights: list[Array]) -> Array | None:
     if not np.isfinite(period).all():
         raise np.linalg.LinAlgError("the cost of a period exceeds the floating-point range: rescale the states")
     states = seen(word_product(steps), period)
-    for k in reversed(range(len(steps))):
-        steps[k] = np.where(states[:, None], steps[k], 0.0)
-        states = (np.diag(weights[k]) > 0) | (steps[k] != 0).any(axis=0)
+    steps[-1] = np.where(states[:, None], steps[-1], 0.0)
     if not is_schur(*steps):
         return None
     M = word_product(steps)

@@ -311,7 +311,7 @@ def test_the_picture_says_what_it_shows(paper):
 
 
 def test_time_is_in_seconds_where_there_is_a_period():
-    found = report(ALTERNATING, time_limit=5)
+    found = report(ALTERNATING, time_limit=60)
     axes = found.plot().axes
     assert axes[0, 1].get_xlabel() == "time (s)"
     assert axes[1, 1].get_xlabel() == "dwell time (s)"
