@@ -1,9 +1,14 @@
 """The paper's examples and a small pair of modes."""
 
+import signal
+
 import numpy as np
 import pytest
 
 from switchctl import Gaussian, ModeSet
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell; tests interrupt themselves
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
