@@ -192,7 +192,7 @@ class Certificate:
 def loosened(bound: float, prove: Callable[[float], None], down: bool = False) -> float:
     """A bound near the one given, above or below it, that holds in exact arithmetic."""
     near = [bound * (1 - share if down else 1 + share) for share in SHARES] if bound else []
-    small = list(SHARES) if bound < 1e-6 and not down else []  # what hardly differs from zero
+    small = [*SHARES, 1e-2, 0.1] if bound < 1e-6 and not down else []  # a weaker claim beside what is hardly above zero
     for claimed in [*near, *(least for least in small if least >= bound)]:
         if holds(partial(prove, claimed)):
             return claimed
