@@ -24,7 +24,7 @@ from switchctl.sampling import (
     sampled_noise,
     sampling_method,
 )
-from switchctl.validation import frozen, positive_semidefinite, real_array
+from switchctl.validation import frozen, matrix_or_number, real_array, semidefinite
 
 _DEFAULT_PERIOD = 0.01  # s
 _TOLD = ("controllers", "process_noise", "measurement_noise", "error_covariance")
@@ -229,8 +229,8 @@ def close_loops(
         _refuse_for_static(told, what, each)
     noise = np.zeros((len(each), plant.nstates, plant.nstates))
     if W is not None:
-        noise = mode_checks.noise(_matrix(W, "W", plant.nstates), noise.shape)
-    measured = None if V is None else _weight(V, "V", plant.noutputs)
+        noise = mode_checks.noise(matrix_or_number(W, "W", plant.nstates), noise.shape)
+    measured = None if V is None else semidefinite(V, "V", plant.noutputs)
     if continuous and not (V is None and estimator is None):
         raise ValueError("V and estimator are of samples; loops closed in continuous time have none")
     if plant.dt == 0 and not continuous:
@@ -277,10 +277,9 @@ def close_loops(
 def digital(modes: Any) -> ClosedLoops:
     """Loops with controllers that run at the samples."""
     if not isinstance(modes, ClosedLoops):
-        what = "a plain ModeSet, as of a schedule read from a file, knows no plant and no controllers"
-        what = what if isinstance(modes, ModeSet) else ""
+        plain = ": a plain ModeSet, as of a schedule read from a file, knows no plant and no controllers"
         raise TypeError(
-            f"modes must be what close_loops returns, not a {type(modes).__name__}" + (f": {what}" if what else "")
+            f"modes must be what close_loops returns, not a {type(modes).__name__}{plain * isinstance(modes, ModeSet)}"
         )
     if modes.controllers is None:
         raise ValueError(
@@ -296,12 +295,12 @@ def _costs(Q: Any, R: Any, loops: Loops, n: int, measured: Array | None) -> tupl
     weight = np.zeros((size, size))
     weight[:n, :n] = np.eye(n)
     if Q is not None:
-        told = _matrix(Q, "Q", n)
+        told = matrix_or_number(Q, "Q", n)
         counted = size if told.shape == (size, size) else n
-        weight[:counted, :counted] = _weight(told, "Q", counted)
+        weight[:counted, :counted] = semidefinite(told, "Q", counted)
     if R is None:
         return weight, np.zeros(m)
-    effort = _weight(R, "R", q)
+    effort = semidefinite(R, "R", q)
     offset = np.zeros(m)
     with np.errstate(over="ignore", invalid="ignore"):
         if measured is not None:
@@ -310,17 +309,6 @@ def _costs(Q: Any, R: Any, loops: Loops, n: int, measured: Array | None) -> tupl
     if not (np.isfinite(weights).all() and np.isfinite(offset).all()):
         raise ValueError("R: the cost of the effort, K' R K, exceeds the floating-point range; scale inputs or states")
     return weights, offset
-
-
-def _weight(value: Any, name: str, n: int) -> Array:
-    """A symmetric positive semidefinite matrix; a number will do for one by one."""
-    return positive_semidefinite(real_array(_matrix(value, name, n), name, (n, n)), name)
-
-
-def _matrix(value: Any, name: str, n: int) -> Array:
-    """An array of any shape, or a number for one by one."""
-    array = real_array(value, name)
-    return array.reshape(1, 1) if array.ndim == 0 and n == 1 else array
 
 
 def _entries(controllers: Any) -> tuple[list[str], list[Any]]:

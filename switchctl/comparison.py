@@ -18,7 +18,7 @@ from switchctl.result import Schedule
 from switchctl.rules import Rules
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
-from switchctl.validation import listed, shown
+from switchctl.validation import SETTINGS, listed, shown
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -226,7 +226,7 @@ def compare(
     if isinstance(methods, Method):
         methods = [methods]
     if not isinstance(methods, Mapping):
-        methods = listed(methods, "methods", "methods", 1000)
+        methods = listed(methods, "methods", "methods", SETTINGS)
     for method in methods.values() if isinstance(methods, Mapping) else methods:
         require_method(method)
     pairs = methods.items() if isinstance(methods, Mapping) else [(repr(method), method) for method in methods]

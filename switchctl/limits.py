@@ -109,9 +109,9 @@ def find(modes: ModeSet, mode: Any, name: str) -> int:
         raise type(error)(f"{name}: {error.args[0]}") from None
 
 
-def indices(modes: ModeSet, sequence: Any, name: str) -> list[int]:
+def indices(modes: ModeSet, sequence: Any, name: str, what: str = "modes") -> list[int]:
     """Indices of a sequence of modes, given by index or by name."""
-    return [find(modes, mode, f"{name}[{k}]") for k, mode in enumerate(listed(sequence, name, "modes"))]
+    return [find(modes, mode, f"{name}[{k}]") for k, mode in enumerate(listed(sequence, name, what))]
 
 
 def _by_mode(

@@ -133,7 +133,7 @@ def along(steps: Sequence[Array], weights: Sequence[Array], P: Array) -> list[Ar
 
 
 def rounded_sizes(steps: Sequence[Array], weights: Sequence[Array], worth: Sequence[Array]) -> tuple[Array, Array]:
-    """How great the terms are that rounding acts on in `_along`, at the first step and in all, as worth before them."""
+    """How great the terms are that rounding acts on in `along`, at the first step and in all, as worth before them."""
     D = sizes = np.zeros_like(worth[0])
     for A, Q, later, P in zip(reversed(steps), reversed(weights), worth[:-1], worth[1:], strict=True):
         D = np.diag(np.diag(np.abs(A).T @ np.abs(later) @ np.abs(A) + np.abs(Q) + np.abs(P)))

@@ -15,12 +15,10 @@ from switchctl.modes import Mode, ModeSet
 from switchctl.moments import Array
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
-from switchctl.validation import frozen, listed
+from switchctl.validation import SETTINGS, frozen, listed
 
 if TYPE_CHECKING:
     from control import ControlPlot
-
-_MOST = 1000  # settings of one kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +123,11 @@ def sweep(
     best single mode: calm, 19.8952
     """
     x0 = initial_state(modes, x0)
-    tried = listed(horizons, "horizons", "settings to try", _MOST), listed(holds, "holds", "settings to try", _MOST)
-    if not all(tried):
+    horizons = listed(horizons, "horizons", "settings to try", SETTINGS)
+    holds = listed(holds, "holds", "settings to try", SETTINGS)
+    if not (horizons and holds):
         raise ValueError("horizons and holds must each hold at least one setting")
-    settings = [[RecedingHorizon(T, hold, decrease) for hold in tried[1]] for T in tried[0]]
+    settings = [[RecedingHorizon(T, hold, decrease) for hold in holds] for T in horizons]
     best = best_single_mode(modes, x0)
     cost = np.full((len(settings), len(settings[0])), np.nan)
     try:

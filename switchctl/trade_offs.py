@@ -19,7 +19,7 @@ from switchctl.result import Schedule
 from switchctl.rules import ContradictionError, Rules
 from switchctl.scheduling import schedule
 from switchctl.tables import html_table, text_table
-from switchctl.validation import listed, number, shown, whole_number
+from switchctl.validation import SETTINGS, listed, number, shown, whole_number
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -201,7 +201,7 @@ def _values(
     if over == "budget" and rules.budget is None:
         raise ValueError("over is 'budget', but the rules have none; give Rules(budget=Budget(..)) to vary its limit")
     if values is not None:
-        told = [number(value, f"values[{k}]") for k, value in enumerate(listed(values, "values", "settings", 1000))]
+        told = [number(value, f"values[{k}]") for k, value in enumerate(listed(values, "values", "settings", SETTINGS))]
         if not told:
             raise ValueError("values is empty; give at least one setting")
         if over == "min_dwell" and rules.time_unit == "step":

@@ -17,6 +17,9 @@ Frozen = TypeVar("Frozen", bound=np.ndarray)
 GREATEST = 2**53
 """Whole numbers up to this one are told apart in floating point; a greater one is refused."""
 
+SETTINGS = 1000
+"""The most settings that are tried in one call."""
+
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
     """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
@@ -104,6 +107,17 @@ def _greatest_linked(array: Array) -> Array:
         greatest = further
 
 
+def matrix_or_number(value: Any, name: str, n: int) -> Array:
+    """An array of any shape; a number will do for one by one."""
+    array = real_array(value, name)
+    return array.reshape(1, 1) if array.ndim == 0 and n == 1 else array
+
+
+def semidefinite(value: Any, name: str, n: int) -> Array:
+    """Check a symmetric positive semidefinite matrix, n by n; a number will do for one by one."""
+    return positive_semidefinite(real_array(matrix_or_number(value, name, n), name, (n, n)), name)
+
+
 def frozen(array: Frozen) -> Frozen:
     """Make an array read-only."""
     array.flags.writeable = False
@@ -165,6 +179,14 @@ def flag(value: Any, name: str) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} must be True or False, not {value!r}")
     return bool(value)
+
+
+def seconds(value: Any, name: str) -> float:
+    """Check a time limit."""
+    limit = number(value, name)
+    if not limit > 0:
+        raise ValueError(f"{name} is {value!r}; expected seconds above 0")
+    return limit
 
 
 def sampling_period(dt: Any, name: str = "dt") -> float | bool:

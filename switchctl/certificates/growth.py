@@ -16,7 +16,7 @@ from switchctl.certificates import check
 from switchctl.certificates.certificate import SHARES, Certificate, exact, holds, loosened
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.stability.average_dwell_time import AverageDwellTime, switches_of
+from switchctl.stability.average_dwell_time import AverageDwellTime, switch_count
 from switchctl.stability.dwell_time import DwellTime, DwellTimes
 from switchctl.stability.joint_spectral_radius import JointSpectralRadius, Norms
 
@@ -95,7 +95,7 @@ def average_dwell_time(found: AverageDwellTime) -> Certificate:
 
 def _below(average: float, word: tuple[int, ...]) -> float:
     """An average dwell time of a word, not rounded up."""
-    return average if Fraction(average) * switches_of(word) <= len(word) else math.nextafter(average, 0.0)
+    return average if Fraction(average) * switch_count(word) <= len(word) else math.nextafter(average, 0.0)
 
 
 def _data(modes: ModeSet) -> dict[str, Any]:

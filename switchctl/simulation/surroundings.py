@@ -8,7 +8,7 @@ from control import ControlDimension
 from switchctl.closed_loop import ClosedLoops
 from switchctl.gaussian import Gaussian
 from switchctl.moments import Array, moment_factor
-from switchctl.validation import float_array, positive_semidefinite, real_array, whole_number
+from switchctl.validation import float_array, real_array, semidefinite, whole_number
 
 
 class OperatingPoint(NamedTuple):
@@ -75,10 +75,8 @@ def noise_root(value: Any, modes: ClosedLoops) -> Array | None:
         raise TypeError(
             f"noise is {value!r}; expected a covariance, False for none, or nothing for what the modes know"
         )
-    p, array = modes.plant.noutputs, real_array(value, "noise")
-    array = array.reshape(1, 1) if array.ndim == 0 and p == 1 else array
-    cov = positive_semidefinite(real_array(array, "noise", (p, p)), "noise")
-    return moment_factor(np.zeros(p), cov)[:, 1:]
+    p = modes.plant.noutputs
+    return moment_factor(np.zeros(p), semidefinite(value, "noise", p))[:, 1:]
 
 
 def generator(seed: Any) -> np.random.Generator:

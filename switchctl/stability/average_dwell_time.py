@@ -10,11 +10,12 @@ from scipy.optimize import minimize_scalar
 from switchctl.gramians import tail
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
-from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time, seconds
+from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time
 from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import LEAST, Moves, exactly, multiplied, power
 from switchctl.stability.quadratic import quadratic_norms
 from switchctl.tables import html_table, tree
+from switchctl.validation import seconds
 
 _ACCURACY = 1e-6
 _TRIED = 25  # rates of decay
@@ -97,7 +98,7 @@ def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwell
     0.0
     """
     require_modes(modes)
-    return averaged(minimum_dwell_time(modes, seconds(time_limit) / 2), time_limit / 2)
+    return averaged(minimum_dwell_time(modes, seconds(time_limit, "time_limit") / 2), time_limit / 2)
 
 
 def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
@@ -141,14 +142,14 @@ def averaged(found: DwellTime, time_limit: float) -> AverageDwellTime:
     return replace(best, status=found.status)
 
 
-def switches_of(word: tuple[int, ...]) -> int:
+def switch_count(word: tuple[int, ...]) -> int:
     """How often a word switches in a period, when repeated for ever."""
     return sum(mode != before for mode, before in zip(word, word[-1:] + word[:-1], strict=True))
 
 
 def _unstable(modes: ModeSet, word: tuple[int, ...]) -> tuple[float, tuple[int, ...]]:
     """The greatest average dwell time met of a word that doesn't contract: the one given, or of two modes in turn."""
-    switches = switches_of(word)
+    switches = switch_count(word)
     best = (len(word) / switches, word) if switches else (0.0, word)
     powers = [np.broadcast_to(np.eye(modes.A.shape[-1]), modes.A.shape)]
     for _ in range(_HELD - 1):

@@ -3,13 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from switchctl.modes import ModeSet, require_modes
 from switchctl.stability.joint_spectral_radius import Bounds, bounded, held
 from switchctl.stability.moves import Moves
 from switchctl.tables import html_table, tree
-from switchctl.validation import number
+from switchctl.validation import seconds
 
 _LONGEST = 100_000
 
@@ -139,20 +138,12 @@ def require_schur(modes: ModeSet) -> None:
         )
 
 
-def seconds(time_limit: Any) -> float:
-    """Check a time limit."""
-    limit = number(time_limit, "time_limit")
-    if not limit > 0:
-        raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
-    return limit
-
-
 class _Search:
     """What is known of dwell times, and the time to find more."""
 
     def __init__(self, modes: ModeSet, time_limit: float) -> None:
         require_schur(modes)
-        self.modes, self.end = modes, time.perf_counter() + seconds(time_limit)
+        self.modes, self.end = modes, time.perf_counter() + seconds(time_limit, "time_limit")
         self.share = time_limit / 20
         self.found: dict[tuple[int, ...], Bounds] = {}
         self.interrupted = False
@@ -250,7 +241,7 @@ def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> Dwel
     (2, 3, 3, 2, 3)
     """
     require_modes(modes)
-    common = minimum_dwell_time(modes, seconds(time_limit) / 2)
+    common = minimum_dwell_time(modes, seconds(time_limit, "time_limit") / 2)
     return shortened(common, time_limit / 2)
 
 

@@ -32,7 +32,7 @@ from switchctl.stability.joint_spectral_radius import JointSpectralRadius, joint
 from switchctl.stability.report_text import report_html, report_text
 from switchctl.stability.switching import schur_stability, stabilising_word
 from switchctl.stability.transient_growth import TransientGrowth, transient_growth
-from switchctl.validation import frozen, number
+from switchctl.validation import frozen, seconds
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -191,9 +191,7 @@ def report(
     """
     require_modes(modes)
     x0 = None if x0 is None else initial_state(modes, x0)
-    if not number(time_limit, "time_limit") > 0:
-        raise ValueError(f"time_limit is {time_limit!r}; expected seconds above 0")
-    page = _Page(Report(modes, graph_under(modes, rules), x0), time_limit)
+    page = _Page(Report(modes, graph_under(modes, rules), x0), seconds(time_limit, "time_limit"))
     parts = page.parts()
     begun, bar = time.perf_counter(), tqdm(parts, desc="report", unit="part", delay=_DELAY, leave=False)
     with _noted_interrupts() as interrupted, bar as progress:

@@ -1,6 +1,6 @@
 """Mean-square stability of switching that is fixed beforehand: a mode, a word repeated for ever, random switching."""
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from switchctl.continuation import lasting
 from switchctl.graph import SwitchingGraph, as_graph
+from switchctl.limits import indices
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.optimum.decisions import Decisions
@@ -91,15 +92,13 @@ def word_stability(modes: ModeSet | SwitchingGraph, word: Iterable[Any]) -> Grow
     └── graph  2 nodes, 2 moves
     """
     graph = as_graph(modes)
-    if isinstance(word, str | bytes | Set | Mapping) or not isinstance(word, Iterable):
-        raise TypeError(f"word must be a sequence of modes, such as [0, 1], not {word!r}")
-    indices = tuple(graph.modes.index(mode) for mode in word)
-    if not indices:
+    told = tuple(indices(graph.modes, word, "word", "modes, such as [0, 1]"))
+    if not told:
         raise ValueError("word is empty; give at least one mode")
-    if not lasting(graph, indices).any():
-        graph.walk(indices * (len(graph) + 1))  # raises: it would have to return to a node otherwise
-    names = " ".join(graph.modes.names[i] for i in indices)
-    return _word(graph.modes, indices, f"{names} repeated")
+    if not lasting(graph, told).any():
+        graph.walk(told * (len(graph) + 1))  # raises: it would have to return to a node otherwise
+    names = " ".join(graph.modes.names[i] for i in told)
+    return _word(graph.modes, told, f"{names} repeated")
 
 
 def _word(modes: ModeSet, word: tuple[int, ...], of: str) -> GrowthRate:
