@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 
 import control
 import numpy as np
+from pair import modes, x0
 
 from switchctl import (
     Budget,
@@ -57,8 +58,7 @@ class Cases:
     """The modes that all answers are about, shared by whoever asks."""
 
     def __init__(self):
-        self.pair = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"], dt=0.1)
-        self.x0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+        self.pair, self.x0 = modes(), x0()
         self.graph = SwitchingGraph(self.pair, RULES)
         self.five, self.start = five_mode.modes(), five_mode.initial_state()
         self.quadrotor, self.attitude = quadrotor.modes(), quadrotor.initial_state()

@@ -2,10 +2,8 @@
 
 import signal
 
-import numpy as np
 import pytest
-
-from switchctl import Gaussian, ModeSet
+from pair import modes, x0
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell; tests interrupt themselves
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -30,5 +28,4 @@ def quadrotor():
 @pytest.fixture
 def pair():
     """Two modes of which one switch helps."""
-    modes = ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"], dt=0.1)
-    return modes, Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+    return modes(), x0()

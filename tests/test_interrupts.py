@@ -19,11 +19,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from answers import digest
+from pair import modes as pair
+from pair import x0
 
 import switchctl
 from switchctl import (
     FewSwitches,
-    Gaussian,
     ModeSet,
     Optimal,
     PointwiseMinimum,
@@ -48,12 +49,8 @@ from switchctl.methods.refine import LocalSearch
 
 PACKAGE = str(Path(switchctl.__file__).parent)
 GENERATOR = inspect.CO_GENERATOR
-X0 = Gaussian([1.0, 1.0], 0.01 * np.eye(2))
+X0 = x0()
 LIMIT = 1e6  # seconds
-
-
-def pair():
-    return ModeSet([[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]], names=["fast", "calm"], dt=0.1)
 
 
 def small():

@@ -8,8 +8,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from pair import modes, x0
 
-from bad_input.table import modes, refused, x0
+from bad_input.table import refused
 from switchctl import Constant, Gaussian, ModeSet, RecedingHorizon, schedule
 from switchctl.certificates import Certificate, certify, check
 from switchctl.files import FormatError

@@ -4,26 +4,21 @@ import math
 from itertools import count
 
 import numpy as np
+from pair import modes
 
-from bad_input.plans import MODES, PLAN, WRONG_METHOD, WRONG_MODES, WRONG_X0, X0
-from bad_input.table import modes, refused, same
+from bad_input.plans import MODES, PLAN, WRONG_METHOD, WRONG_MODES, WRONG_X0, state
+from bad_input.table import refused, same
 from switchctl import (
     Budget,
     Comparison,
     Constant,
     Rollout,
     Rules,
-    Schedule,
     SwitchingGraph,
     compare,
-    schedule,
     sweep,
     trade_off,
 )
-
-
-def state():
-    return {"modes": MODES, "x0": X0}
 
 
 def tried():
@@ -32,14 +27,6 @@ def tried():
 
 def traded():
     return {**state(), "values": [0.1], "method": Constant(1)}
-
-
-def cost(**given):
-    return schedule(**given).cost
-
-
-def sequence(**given):
-    return Schedule(**given).sequence
 
 
 ROWS = [

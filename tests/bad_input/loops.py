@@ -3,9 +3,10 @@
 import control
 import numpy as np
 from control import ControlDimension
+from pair import modes
 
 from bad_input.arrays import faults, forms, symmetric_faults
-from bad_input.table import modes, plant, refused, same
+from bad_input.table import plant, refused, same
 from switchctl import ClosedLoops, Gaussian, close_loops
 
 LEAD = control.tf([40, 40], [1, 10])

@@ -1,8 +1,9 @@
 """Rows of what running schedulers remember, and of the least cost."""
 
 import numpy as np
+from pair import modes
 
-from bad_input.table import modes, refused, same
+from bad_input.table import refused, same
 from switchctl import (
     FewSwitches,
     RecedingHorizon,

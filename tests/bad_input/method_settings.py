@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+from pair import modes, x0
 
-from bad_input.table import modes, refused, same, x0
+from bad_input.table import refused, same
 from bad_input.values import HUGE, whole_numbers, wrong_numbers
 from switchctl import (
     Constant,

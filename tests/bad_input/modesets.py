@@ -3,10 +3,11 @@
 import control
 import numpy as np
 from control import ControlDimension
+from pair import modes
 from scipy import sparse
 
 from bad_input.arrays import faults, forms, symmetric_faults
-from bad_input.table import modes, refused, same
+from bad_input.table import refused, same
 from switchctl import Gaussian, Mode, ModeSet
 
 A = np.array([[[0.0, 3.0], [-1.0, 2.0]], [[1.0, 0.0], [0.0, -1.0]]])  # whole numbers, for other types of array

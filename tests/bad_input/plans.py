@@ -1,12 +1,13 @@
 """What plans are made of, and what they can't be made of."""
 
 import numpy as np
+from pair import modes, x0
 
-from bad_input.table import modes, x0
 from switchctl import (
     Gaussian,
     ModeSet,
     Rollout,
+    Schedule,
     schedule,
 )
 
@@ -41,3 +42,19 @@ WRONG_METHOD = [
     )
 ]
 UNSTABLE, LONE = ModeSet([[[2.0]]]), Gaussian([1.0], ONE)
+
+
+def state():
+    return {"modes": MODES, "x0": X0}
+
+
+def nothing():
+    return {}
+
+
+def cost(**given):
+    return schedule(**given).cost
+
+
+def sequence(**given):
+    return Schedule(**given).sequence

@@ -4,8 +4,9 @@ from functools import cache, wraps
 
 import matplotlib.pyplot as plt
 import numpy as np
+from pair import modes, x0
 
-from bad_input.table import modes, refused, same, x0
+from bad_input.table import refused, same
 from switchctl import (
     Constant,
     Gaussian,

@@ -6,9 +6,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from pair import modes
 
-from bad_input.plans import MODES, ONE, PLAN, WRONG_MODES, WRONG_X0, X0
-from bad_input.table import modes, refused, same
+from bad_input.plans import MODES, ONE, PLAN, WRONG_MODES, WRONG_X0, X0, nothing, sequence
+from bad_input.table import refused, same
 from bad_input.values import whole_numbers, wrong_arrays, wrong_numbers
 from switchctl import (
     Gaussian,
@@ -16,7 +17,6 @@ from switchctl import (
     Rules,
     Schedule,
     SwitchingGraph,
-    schedule,
 )
 
 WRONG_PATHS = [
@@ -28,18 +28,6 @@ NO_FOLDER = Path(tempfile.gettempdir()) / "there is no such folder" / "file"
 
 def made():
     return {"modes": MODES, "x0": X0, "sequence": [1, 0]}
-
-
-def nothing():
-    return {}
-
-
-def cost(**given):
-    return schedule(**given).cost
-
-
-def sequence(**given):
-    return Schedule(**given).sequence
 
 
 def left_alone(function):

@@ -4,8 +4,9 @@ import math
 from itertools import count
 
 import numpy as np
+from pair import modes
 
-from bad_input.table import modes, refused, same
+from bad_input.table import refused, same
 from bad_input.values import HUGE, whole_numbers, wrong_numbers
 from switchctl import Budget, ContradictionError, ModeSet, Rollout, Rules, SwitchingGraph
 from switchctl.limits import TooManyNodes

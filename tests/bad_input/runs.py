@@ -5,9 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 import control
 import numpy as np
 from control import ControlDimension
+from pair import modes
 
 from bad_input.arrays import faults, forms
-from bad_input.table import modes, plant, refused, same
+from bad_input.table import plant, refused, same
 from switchctl import (
     Constant,
     Gaussian,

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+from pair import modes, x0
 
-from bad_input.table import modes, refused, same, state_of, x0
+from bad_input.table import refused, same, state_of
 from bad_input.values import SAME_ARRAYS, wrong_arrays
 from switchctl import (
     FewSwitches,

@@ -1,9 +1,23 @@
 """Rows of `schedule` and of what single modes cost."""
 
 import numpy as np
+from pair import modes
 
-from bad_input.plans import LONE, MODES, ONE, TWO, UNSTABLE, WRONG_METHOD, WRONG_MODES, WRONG_X0, X0
-from bad_input.table import modes, refused, same
+from bad_input.plans import (
+    LONE,
+    MODES,
+    ONE,
+    TWO,
+    UNSTABLE,
+    WRONG_METHOD,
+    WRONG_MODES,
+    WRONG_X0,
+    X0,
+    cost,
+    nothing,
+    state,
+)
+from bad_input.table import refused, same
 from bad_input.values import SAME_ARRAYS, whole_numbers, wrong_arrays
 from switchctl import (
     Constant,
@@ -15,7 +29,6 @@ from switchctl import (
     Refine,
     Rollout,
     Rules,
-    Schedule,
     SwitchingGraph,
     best_single_mode,
     schedule,
@@ -25,22 +38,6 @@ from switchctl import (
 
 def planned():
     return {"modes": MODES, "x0": X0, "method": RecedingHorizon(3), "steps": 3}
-
-
-def state():
-    return {"modes": MODES, "x0": X0}
-
-
-def nothing():
-    return {}
-
-
-def cost(**given):
-    return schedule(**given).cost
-
-
-def sequence(**given):
-    return Schedule(**given).sequence
 
 
 ROWS = [

@@ -2,9 +2,10 @@
 
 import numpy as np
 from control import ControlDimension
+from pair import modes, x0
 from scipy import sparse
 
-from bad_input.table import modes, refused, same, x0
+from bad_input.table import refused, same
 from switchctl import Constant, Gaussian, ModeSet, RecedingHorizon, Rollout, Rules, SwitchingGraph, schedule
 from switchctl.stability import (
     average_dwell_time,

@@ -2,8 +2,9 @@
 
 import control
 import numpy as np
+from pair import modes
 
-from bad_input.table import modes, plant, refused
+from bad_input.table import plant, refused
 from switchctl import (
     Gaussian,
     ModeSet,

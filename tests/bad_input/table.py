@@ -87,17 +87,6 @@ def unchanged(before: Any, after: Any) -> bool:
     return before == after
 
 
-def modes(**keywords: Any) -> ModeSet:
-    """Two modes of which one switch helps."""
-    A = [[[0.8, 3.0], [0.0, 0.5]], [[0.97, 0.0], [0.0, 0.8]]]
-    return ModeSet(A, **{"names": ["fast", "calm"], "dt": 0.1, **keywords})
-
-
-def x0() -> Gaussian:
-    """An initial state for them."""
-    return Gaussian([1.0, 1.0], 0.01 * np.eye(2))
-
-
 def plant() -> control.StateSpace:
     """A double integrator whose states are measured."""
     return control.ss([[0, 1], [0, 0]], [[0], [1]], np.eye(2), 0, states=["position", "speed"])
