@@ -101,7 +101,7 @@ def moment_maps(A: Array) -> Array:
     n = A.shape[-1]
     d = n * (n + 1) // 2
     affordable(
-        4 * 8 * d * d * max(A.size // (n * n), 1),
+        4 * 8 * d * d * (A.size // (n * n)),
         f"the moment maps of {n} states, {d} by {d} for each mode,",
         "use fewer states",
     )

@@ -6,7 +6,7 @@ from accuracy_cases import rotation
 from fixed_point import exact_tail
 from scipy.linalg import expm
 
-from switchctl.gramians import affine_gramians, horizon_gramians, seen, tail, word_tail
+from switchctl.gramians import affine_gramians, horizon_gramians, regrouped_gramians, seen, tail, word_tail
 from switchctl.moments import (
     closed_form_w2,
     constant_w2,
@@ -60,6 +60,28 @@ def test_a_factor_of_a_singular_matrix_is_real_and_keeps_zeros():
         assert not L[x[:, 0] == 0].any()
     assert not root(np.zeros((2, 2))).any()
     assert moment_factor(np.array([3.0, 4.0]), np.zeros((2, 2))).tolist() == [[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
+
+
+def test_a_variance_or_weight_that_rounding_made_negative_counts_as_zero():
+    L = root(np.diag([4.0, -1e-18]))
+    assert (L @ L.T).tolist() == [[4.0, 0.0], [0.0, 0.0]]
+    assert seen(np.eye(2), np.diag([1.0, -1e-18])).tolist() == [True, False]
+
+
+def test_what_does_not_fit_into_memory_is_refused_with_its_size():
+    with pytest.raises(
+        MemoryError, match=r"moment maps of 300 states, 45150 by 45150 for each mode, .* 1.3e\+11 bytes"
+    ):
+        moment_maps(np.broadcast_to(np.eye(300), (2, 300, 300)))
+    with pytest.raises(MemoryError, match=r"the Kronecker products of 300 states, 90000 by 90000, .* 1.94e\+11 bytes"):
+        closed_form_w2(np.eye(300)[None], np.array([0]), np.eye(300))
+
+
+def test_another_grouping_of_a_sum_rounds_otherwise():
+    A, Q = nearly_parallel(1e-6)
+    G, H = horizon_gramians(A, Q, 63), regrouped_gramians(A, Q, 64)
+    assert np.abs(G - H).max() > 0.1 * np.abs(G).max()
+    np.testing.assert_allclose(regrouped_gramians(np.array([[0.5]]), np.array([[3.0]]), 10**6), 4.0, rtol=1e-14)
 
 
 def test_w2_counts_the_states_of_the_plant():
