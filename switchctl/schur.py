@@ -66,7 +66,7 @@ def _part_is_schur(steps: list[Array]) -> bool | None:
     for _ in range(2):  # the second time in units that fit each state
         if majorant(steps, M, D, D) is not None:
             return True
-        D = np.diag(np.diag(doubled(M, D)))
+        D = np.diag(np.fmax(np.diag(doubled(M, D)), 1.0))  # rounding may make it anything, NaN too
     return False if _some_beyond(steps, M) else None
 
 
@@ -160,7 +160,7 @@ def _scaled(R: Array, D: Array) -> Array:
     """``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
     root = np.sqrt(np.diag(D))
     scale = np.outer(root, root)
-    return np.divide(R, scale, out=np.zeros_like(R), where=scale > 0)
+    return np.divide(R, scale, out=np.zeros_like(R), where=scale != 0)
 
 
 def scaled_norm(R: Array, D: Array) -> float:

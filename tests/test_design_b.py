@@ -89,6 +89,6 @@ def test_methods_on_twelve_states():
     assert refined <= schedule(modes, X0, FewSwitches(1)).cost
     assert few <= schedule(modes, X0, FewSwitches(1)).cost
     assert schedule(modes, X0, Rollout()).cost <= single_mode_costs(modes, X0).min()
-    best = schedule(modes, X0, Optimal(gap=0.05, time_limit=2))
+    best = schedule(modes, X0, Optimal(gap=0.25, time_limit=100))
     assert best.lower_bound <= best.cost <= min(few, refined) * (1 + 1e-6)
-    assert best.lower_bound > 0.3 * best.cost
+    assert best.lower_bound >= 0.75 * best.cost

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from accuracy_cases import rotation
-from fixed_point import exact_tail
-from scipy.linalg import expm
 
 from switchctl.gramians import affine_gramians, horizon_gramians, regrouped_gramians, seen, tail, word_tail
 from switchctl.moments import (
@@ -18,7 +15,6 @@ from switchctl.moments import (
     svec,
     transform,
 )
-from switchctl.schur import is_schur
 
 
 def test_batches_of_batches():
@@ -112,15 +108,6 @@ def test_a_block_is_its_steps_one_by_one(steps):
     np.testing.assert_allclose(horizon_gramians(A, Q, steps - 1)[0], plain, rtol=1e-14)
 
 
-def test_how_near_to_one_a_radius_counts_as_one():
-    for sign in (1, -1):
-        assert is_schur(np.array([[sign * (1 - 1.1e-14)]])) and not is_schur(np.array([[sign * (1 - 0.9e-14)]]))
-        assert is_schur(*[np.array([[sign * (1 - 1.1e-14)]])] * 5)
-        assert not is_schur(*[np.array([[sign * (1 - 0.9e-14)]])] * 5)
-        turned = sign * np.array([[0.6, -0.8], [0.8, 0.6]])  # of radius 1
-        assert is_schur((1 - 1e-11) * turned) and not is_schur((1 + 1e-11) * turned) and not is_schur(turned)
-
-
 def test_what_the_cost_sees():
     A = np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, -1.0, 0.5]])
     assert seen(A, np.diag([1.0, 0.0, 0.0])).tolist() == [True, False, False]
@@ -182,52 +169,6 @@ def test_the_order_of_a_word():
         np.testing.assert_allclose(word_tail(A, Q, word), cost, rtol=1e-12)
 
 
-def carts(count, stiffness, damping, dt):
-    """Carts in a row with springs between: the whole coasts, which is a double pole at 1."""
-    chain = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
-    chain[0, 0] = chain[-1, -1] = 1.0
-    rates = np.block([[np.zeros((count, count)), np.eye(count)], [-stiffness * chain, -damping * chain]])
-    return expm(dt * rates)
-
-
-@pytest.mark.parametrize("count", [2, 3, 4])
-@pytest.mark.parametrize(("stiffness", "damping"), [(1.0, 0.0), (1.0, 0.1), (1.0, 5.0), (100.0, 0.0), (100.0, 0.1)])
-@pytest.mark.parametrize("dt", [0.01, 0.1])
-def test_a_body_that_coasts_is_not_schur_in_any_coordinates(count, stiffness, damping, dt):
-    A = carts(count, stiffness, damping, dt)
-    basis = np.linalg.qr(np.random.default_rng(count).standard_normal(A.shape))[0]
-    assert not is_schur(A)
-    assert not is_schur(basis @ A @ basis.T)
-    assert is_schur(0.99 * A)
-
-
-@pytest.mark.parametrize("poles", [[1.0] * 2, [-1.0] * 2, [1.0] * 3, [1.0, 1.0, -1.0, -1.0]])
-def test_multiple_poles_in_companion_form(poles):
-    poly = np.poly(poles)
-    companion = np.vstack([-poly[1:], np.eye(len(poly) - 1)[:-1]])
-    assert not is_schur(companion)
-    assert is_schur(0.99 * companion)
-    try:
-        assert is_schur((1 - 1e-9) * companion)  # Schur, if barely: an error may say that rounding hides it
-    except np.linalg.LinAlgError:
-        pass
-
-
-def test_a_verdict_of_parts():
-    basis = np.linalg.qr(np.random.default_rng(8).standard_normal((5, 5)))[0]
-    hidden = basis @ (np.diag(np.linspace(0.9, -0.9, 5)) + 1e4 * np.triu(np.ones((5, 5)), 1)) @ basis.T
-    for pole, told in ((0.5, None), (1.5, False)):
-        A = np.zeros((7, 7))
-        A[:5, :5], A[5, 5], A[6, 6] = hidden, pole, -0.25
-        if told is None:
-            with pytest.raises(np.linalg.LinAlgError, match="undecided"):
-                is_schur(A)
-        else:
-            assert is_schur(A) is told
-    with pytest.raises(np.linalg.LinAlgError, match="undecided"):
-        is_schur(hidden)
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_words_of_states_that_only_some_of_their_steps_show(sign):
     A = np.array(
@@ -244,42 +185,3 @@ def test_words_of_states_that_only_some_of_their_steps_show(sign):
             cost += power.T @ Q[word[k % len(word)]] @ power
             power = A[word[k % len(word)]] @ power
         np.testing.assert_allclose(P, cost, rtol=1e-12)
-
-
-def turned(rng, n, condition, pole):
-    """A mode with one pole at the unit circle, in coordinates of that condition."""
-    there = rotation(rng, n) @ np.diag(np.geomspace(1, condition, n)) @ rotation(rng, n)
-    return there @ np.diag(np.append(pole, rng.uniform(-0.9, 0.9, n - 1))) @ np.linalg.inv(there)
-
-
-def verdict(A):
-    try:
-        return is_schur(A)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def test_rounding_in_the_product_of_a_word_counts():
-    """Eigenvalues that rounding has moved over the circle, which the basis of its eigenvectors alone doesn't show."""
-    wrong = 0
-    for seed in (204, 304, 1326, 1372, 2150, 2898, 3004, 3258, 3860, 4344, 4384, 8868, 10104, 10736, 11400):
-        rng = np.random.default_rng(seed)
-        n, condition = int(rng.integers(2, 4)), 10 ** rng.uniform(1, 6)
-        pole = 1 + rng.choice([-1, 1]) * 10 ** rng.uniform(-13, -6)
-        U, W = rotation(rng, n), rotation(rng, n)
-        there = U @ np.diag(np.geomspace(1, condition, n)) @ W
-        A = there @ np.diag(np.append(pole, rng.uniform(-0.9, 0.9, n - 1))) @ np.linalg.inv(there)
-        schur = exact_tail([(A, np.eye(n))])[0] is not None
-        assert verdict(A) in (None, schur)
-        wrong += (np.abs(np.linalg.eigvals(A)).max() < 1) != schur
-    assert wrong  # so some of these are hard
-
-
-def test_discs_are_small_where_they_matter():
-    told = [verdict(turned(np.random.default_rng(k), n, 1e5, 1 + 1e-7)) for n in (6, 9) for k in range(8)]
-    assert True not in told and told.count(False) >= 10
-
-
-def test_verdicts_where_eigenvectors_are_no_basis():
-    A = np.array([[-0.5, -1.0, -1.0], [0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])  # poles -0.5, 0, 0 with two eigenvectors
-    assert verdict(A) is True and verdict(4 * A) is not True

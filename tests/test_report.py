@@ -133,7 +133,7 @@ def test_where_arbitrary_switching_is_stable_no_dwell_time_is_needed():
 
 
 def test_a_search_for_the_side_of_1_decides_what_the_bounds_leave_open():
-    found = report(quadrotor.modes("closed_loop"), time_limit=6)
+    found = report(quadrotor.modes("closed_loop"), time_limit=30)
     assert found.joint_spectral_radius.verdict == "stable"
     assert found.joint_spectral_radius.lower == pytest.approx(found.modes.spectral_radii.max())
 

@@ -101,12 +101,7 @@ class SwitchingHelp:
         most = {0.0: "", 1.0: "no upper bound proven"}.get(self.gain, most)
         told = [
             ("why", self.why),
-            (
-                "saves",
-                {0.0: "", 1.0: "no upper bound proven"}.get(
-                    self.gain, f"at most {_percent(self.gain)}, from any state"
-                ),
-            ),
+            ("saves", most),
             ("dominant", "" if self.dominant is None else names[self.dominant]),
             ("paper's test", "names none" if self.paper_test is None else f"names {names[self.paper_test]}"),
         ]
