@@ -151,6 +151,13 @@ def fitting(system: Any, modes: ClosedLoops) -> Any:
             + "the loops were closed with one of {}, {} and {}".format(*wanted)
             + f" (outputs {', '.join(linear.output_labels)})"
         )
+    for what in ("state", "input", "output"):
+        names, expected = (getattr(of, f"{what}_labels") for of in (system, linear))
+        if names != expected and sorted(names) == sorted(expected):
+            raise ValueError(
+                f"plant has the {what}s {', '.join(names)}; the loops were closed with {', '.join(expected)}, the same "
+                "in another order: give them one order"
+            )
     if system.dt is None or system.dt is False:
         raise ValueError(f"plant.dt is {system.dt}; say whether it is continuous (dt=0) or sampled (its period)")
     if isinstance(system, control.StateSpace):

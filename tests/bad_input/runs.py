@@ -94,6 +94,8 @@ PLANTS = [
     ("no plant", {"plant": "pendulum"}, TypeError, "plant must be a NonlinearIOSystem or StateSpace, not a str"),
     ("a transfer function", {"plant": control.tf([1], [1, 1])}, TypeError, "plant", "control.ss makes one"),
     ("another plant", {"plant": control.ss(-1, 1, 1, 0)}, ControlDimension, "plant has 1 states", "one of 2, 1 and 2"),
+    ("states in another order", {"plant": control.ss(PLANT, states=["speed", "position"])}, ValueError,
+     "plant has the states speed, position; the loops were closed with position, speed", "give them one order"),
     ("NaN in the plant", {"plant": control.ss([[0, np.nan], [0, 0]], [[0], [1]], np.eye(2), 0)}, ValueError,
      "plant.A[0, 1] is nan"),
     ("a plant of another period", {"plant": control.ss(np.eye(2), [[0], [1]], np.eye(2), 0, 0.2)}, ValueError,
