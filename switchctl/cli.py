@@ -259,10 +259,13 @@ def _made(folder: str | None) -> Path | None:
     if folder is None:
         return None
     path = Path(folder)
-    if not folder or (path.exists() and not path.is_dir()):
-        raise ValueError(f"--save {folder!r} names no folder; name one that is there or can be made")
-    path.mkdir(parents=True, exist_ok=True)
-    return path
+    try:
+        if folder:
+            path.mkdir(parents=True, exist_ok=True)
+            return path
+    except (FileExistsError, NotADirectoryError):
+        pass
+    raise ValueError(f"--save {folder!r} names no folder; name one that is there or can be made")
 
 
 def _certified(found: Any, path: Path) -> list[Path]:

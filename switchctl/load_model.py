@@ -61,9 +61,7 @@ def load_model(name: str) -> Model:
     Raises
     ------
     FormatError
-        If a file is not what its name says.
-    ValueError, TypeError
-        If what it holds can't be scheduled.
+        If a file is not what its name says, or what it holds can't be scheduled.
     FileNotFoundError
         If there is neither a bundled model nor a file of that name.
     """
@@ -138,15 +136,22 @@ def _from_matrices(content: dict[str, Any], name: str) -> Model:
         raise FormatError(f"{name} holds no A, the matrices of the modes; it holds {', '.join(content) or 'nothing'}")
     if unknown := set(content) - KNOWN:
         raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(KNOWN))}")
-    modes = ModeSet(
-        content["A"], content.get("names"), content.get("dt", True), Q=content.get("Q"), states=content.get("states")
-    )
+    rest = {key: content[key] for key in ("names", "dt", "Q", "states") if key in content}
+    modes = _held(name, ModeSet, content["A"], **{"dt": True, **rest})
     if "cov" in content and "mean" not in content:
         raise FormatError(f"{name} holds cov without mean; give both, or neither and --mean")
     if "mean" not in content:
         return Model(modes, None, Rollout())
     n = modes.A.shape[-1]
-    return Model(modes, Gaussian(content["mean"], content.get("cov", np.zeros((n, n)))), Rollout())
+    return Model(modes, _held(name, Gaussian, content["mean"], content.get("cov", np.zeros((n, n)))), Rollout())
+
+
+def _held(name: str, kind: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+    """Make what a file holds; an error names the file, and its A, which is the argument `matrices`."""
+    try:
+        return kind(*arguments, **keywords)
+    except (ValueError, TypeError) as error:
+        raise FormatError(f"{name}: {str(error).replace('matrices', 'A', 1)}") from error
 
 
 def _read_mat(path: Path) -> dict[str, Any]:

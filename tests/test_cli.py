@@ -174,7 +174,7 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
         (["run", "{}/text.json"], "is not a JSON file"),
         (["run", "{}/cov.json", "--mean", "1"], "holds cov without mean"),
         (["run", "{}/list.json"], "holds a JSON list"),
-        (["run", "{}/nan.json"], "matrices[0][0, 0] is nan"),
+        (["run", "{}/nan.json"], "nan.json: A[0][0, 0] is nan"),
         (["run", "{}/text.mat"], "is not a .mat file"),
         (["run", "{}/readme.md"], "ends in '.md'"),
         (["run", "{}"], "no file is named"),
@@ -189,7 +189,8 @@ def test_an_unstable_mode_is_reported(capsys, tmp_path):
         (["run", "five_mode", "--method", "receding-horizon"], "a receding horizon needs --horizon T"),
         (["run", "five_mode", "--method", "rollout", "--hold", "3"], "--hold goes with --method receding-horizon"),
         (["run", "five_mode", "--decrease", "2", "--horizon", "3"], "decrease is 2.0"),
-        (["run", "five_mode", "--save", "{}/readme.md"], "readme.md"),
+        (["run", "five_mode", "--save", "{}/readme.md"], "readme.md' names no folder"),
+        (["run", "five_mode", "--save", "{}/readme.md/sub"], "sub' names no folder; name one that"),
     ],
 )
 def test_a_users_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, words, told):
