@@ -1,12 +1,13 @@
 """The kernel's verdict whether a mode is Schur: poles near the circle, near each other, and moved by rounding."""
 
+import mpmath
 import numpy as np
 import pytest
 from accuracy_cases import jordan, rotated, rotation
 from fixed_point import exact_tail
 from scipy.linalg import expm
 
-from switchctl.schur import is_schur
+from switchctl.schur import _some_beyond, along, is_schur, majorant, rounded_sizes, scaled_norm
 
 
 def test_how_near_to_one_a_radius_counts_as_one():
@@ -128,3 +129,62 @@ def clustered(seed):
     poles[0, 1] = 10 ** rng.uniform(-6, 1)
     there = rotation(rng, n) @ np.diag(np.geomspace(1, 10 ** rng.uniform(0, 7), n)) @ rotation(rng, n)
     return there @ poles @ np.linalg.inv(there)
+
+
+@pytest.mark.parametrize("family", [in_units_far_apart, coupled, clustered])
+def test_no_verdict_is_wrong(family):
+    hard = (71, 78, 182, 224, 229, 265, 323, 330, 338, 420, 421, 610, 629, 762)  # where less care errs, of `coupled`
+    told = []
+    for seed in (*range(60), *(hard if family is coupled else ())):
+        A = family(seed)
+        told.append(verdict(A))
+        if told[-1] is not None:
+            schur = exact_tail([(A, np.eye(len(A)))])[0] is not None
+            assert told[-1] == schur or (schur and exact_radius(A) > 1 - 1e-12), seed
+    assert told.count(None) < 0.8 * len(told)
+
+
+def exact_radius(A):
+    with mpmath.workdps(60):
+        return max(abs(x) for x in mpmath.eig(mpmath.matrix(A.tolist()), left=False, right=False))
+
+
+def test_verdicts_that_are_within_reach():
+    assert [verdict(in_units_far_apart(seed)) for seed in (30, 42, 147)] == [True] * 3  # by units that fit the states
+    assert [verdict(coupled(seed)) for seed in (119, 163, 692)] == [False] * 3  # by means of eigenvalues
+    assert not is_schur(np.array([[-1.0, -1.0], [0.0, 0.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]))  # radius of a disc: 0
+
+
+def test_what_rounding_may_add_to_a_mean_of_eigenvalues():
+    """A product of steps is known up to what rounding may have done to it, which counts twice."""
+    step, identity = np.array([[1.0, 2e6], [0.0, 1.0]]), np.eye(2)  # 2 * 2 EPS * 2e6 is 1.78e-9
+    assert not _some_beyond([step], (1 + 1.7e-9) * identity) and _some_beyond([step], (1 + 1.9e-9) * identity)
+    there, back = np.array([[1.0, 1e6], [0.0, 1.0]]), np.array([[1.0, -1e6], [0.0, 1.0]])
+    steps = [there, back]
+    assert not _some_beyond(steps, (1 + 3.4e-9) * identity) and _some_beyond(steps, (1 + 3.8e-9) * identity)
+
+
+def test_how_great_the_terms_are_that_rounding_acts_on():
+    steps = [np.array([[2.0, -1.0], [0.0, 3.0]]), np.array([[1.0, 0.0], [1.0, 1.0]])]
+    worth = along(steps, [np.eye(2)] * 2, np.eye(2))
+    assert [P.tolist() for P in worth[1:]] == [[[3, 1], [1, 2]], [[13, 0], [0, 16]]]
+    first, whole = rounded_sizes(steps, [np.eye(2)] * 2, worth)
+    assert first.tolist() == [[26, 0], [0, 44]] and whole.tolist() == [[50, -12], [-12, 86]]
+
+
+def test_a_majorant_is_shown_or_there_is_none():
+    one = np.eye(1)
+    for M, shown in ((1 - 2.0**-49, True), (1 - 2.0**-50, True), (1 - 2.0**-52, False), (1.0, False), (1.5, False)):
+        Z = majorant([M * one], M * one, one, one)
+        assert Z == pytest.approx(1 / (1 - M**2), rel=1e-4) if shown else Z is None
+    M = 1 - 2.0**-50  # the same after two steps more, that change nothing but add their rounding
+    assert majorant([M * one, one, one], M * one, one, one) is None
+
+
+def test_the_norm_in_units_of_the_states():
+    units = np.diag([4.0, 0.0, 9.0])
+    assert scaled_norm(np.array([[4.0, 0.0, 6.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.0]]), units) == pytest.approx(
+        np.linalg.norm([[1.0, 1.0], [0.0, 1.0]], 2)
+    )
+    assert scaled_norm(np.diag([np.inf, 0.0, 1.0]), units) == np.inf
+    assert scaled_norm(np.eye(2), np.diag([np.nan, 1.0])) == np.inf
