@@ -191,7 +191,7 @@ def test_random_graphs_against_all_cycles(seed):
     check_bounds(joint_spectral_radius(graph, tol=1e-3, time_limit=0.5), moves_of(graph), 10, 10_000)
 
 
-SETS = int(os.environ.get("RANDOM_SETS", "15"))  # of 150 a part, with which it is two thousand in all
+SETS = int(os.environ.get("RANDOM_SETS", "10"))  # of 150 a part, with which it is two thousand in all
 
 
 @pytest.mark.slow

@@ -231,7 +231,7 @@ def _error(A: Array, Q: Array, P: Array) -> Array:
     size = np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q)
     weight = np.sqrt(np.diag(size))
     units = np.outer(weight, weight)
-    left, size = (np.divide(X, units, out=np.zeros_like(X), where=units > 0) for X in (Q + transform(A, P) - P, size))
+    left, size = (np.divide(X, units, out=np.zeros_like(X), where=units != 0) for X in (Q + transform(A, P) - P, size))
     r = float(np.linalg.norm(left, 2)) + 4 * (len(A) + 2) * _ROUNDING * float(np.linalg.norm(size))
     spread = tail(A, np.diag(np.where(np.diag(P) > 0, weight**2, 0.0)))
     assert spread is not None  # A has a tail
