@@ -107,7 +107,7 @@ def test_for_ever(kind):
 @pytest.mark.slow
 @each_kind
 def test_many_finite_horizons(kind):
-    for modes, x0, rules, rng in instances(kind, 90, 7, pool=25):
+    for modes, x0, rules, rng in instances(kind, 50, 7, pool=25):
         check_finite(modes, x0, rules, 7 if len(modes) == 2 else 5, rng)
 
 

@@ -63,7 +63,7 @@ def same_optimum(a, b, factor=1.0):
 
 
 @each
-@examples(80, n=(1, 4))
+@examples(60, n=(1, 4))
 def test_powers_of_two_change_no_plan(method, n, m, seed):
     modes, x0, rng = plant(n, m, seed, radius=(0.3, 0.9))
     size, weight = 2.0 ** rng.integers(-20, 21, 2)
@@ -78,7 +78,7 @@ def test_powers_of_two_change_no_plan(method, n, m, seed):
 
 
 @each
-@examples(50, n=(1, 4))
+@examples(35, n=(1, 4))
 def test_coordinates_and_the_order_of_modes_change_no_optimum(method, n, m, seed):
     modes, x0, rng = plant(n, m, seed, radius=(0.3, 0.9))
     plain, T, order = schedule(modes, x0, method), rotation(rng, n), rng.permutation(m)
@@ -104,7 +104,7 @@ def test_a_mode_more_never_raises_the_optimum(method, n, m, seed, steps):
     assert max(few.gap or 0, more.gap or 0) <= GAP
 
 
-@examples(80, n=(1, 4), m=(2, 3))
+@examples(60, n=(1, 4), m=(2, 3))
 def test_who_may_do_more_never_pays_more(n, m, seed):
     modes, x0, rng = plant(n, m, seed, radius=(0.3, 0.9))
     best = schedule(modes, x0, Optimal(GAP))
@@ -172,7 +172,7 @@ def jsr(A):
     return joint_spectral_radius(ModeSet(A), tol=0.05, time_limit=5)
 
 
-@examples(40, n=(1, 3), m=(2, 3))
+@examples(20, n=(1, 3), m=(2, 3))
 def test_the_joint_spectral_radius_is_a_property_of_the_set(n, m, seed):
     rng = np.random.default_rng([n, m, seed])
     A, size = random_modes(rng, n, m, (0.1, 1.3)), 10 ** rng.uniform(-2, 2)
@@ -208,7 +208,7 @@ def test_less_growth_needs_no_longer_dwell_times(n, m, seed):
     assert turned.lower <= found.upper and found.lower <= turned.upper
 
 
-@examples(250, n=(1, 4), m=(1, 3))
+@examples(200, n=(1, 4), m=(1, 3))
 def test_mean_square_growth_of_words_and_chains(n, m, seed):
     rng = np.random.default_rng([n, m, seed])
     modes, word = ModeSet(random_modes(rng, n, m, (0.2, 1.3))), rng.integers(m, size=rng.integers(1, 5)).tolist()
@@ -275,7 +275,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("properties")
 
 
-@examples(400, m=(2, 3), kind=st.sampled_from(KINDS))
+@examples(300, m=(2, 3), kind=st.sampled_from(KINDS))
 def test_a_loaded_schedule_is_the_one_saved(folder, n, m, seed, kind):
     modes, x0, rng = full_plant(n, m, seed, names=None, dt=0.25)
     told = kind(rng, m, modes.dt) if kind.__name__ == "seconds" else kind(rng, m)
@@ -286,7 +286,7 @@ def test_a_loaded_schedule_is_the_one_saved(folder, n, m, seed, kind):
     same_file(schedule(modes, x0, RecedingHorizon(3, hold=2), 8, graph), folder)
 
 
-@examples(300)
+@examples(250)
 def test_a_loaded_schedule_has_every_setting(folder, n, m, seed):
     modes, x0, rng = full_plant(n, m, seed)
     p, kind = modes.plant_states, rng.integers(3)

@@ -140,7 +140,7 @@ def test_horizon_costs_obey_their_recursion_and_grow_to_the_tail(n, m, seed):
     assert at_most(longer[0], P)
 
 
-@examples(1500)
+@examples(1300)
 def test_tails_are_linear_and_monotone_in_the_weight_and_under_a_discount(n, m, seed):
     modes, _, rng = plant(n, 1, seed)
     A, Q, factor = modes.A[0], modes.Q[0], 10 ** rng.uniform(-3, 3)
@@ -169,7 +169,7 @@ def test_the_cost_of_a_word_is_that_of_its_first_step_and_of_the_word_turned(n, 
         assert close(word_tail(modes.A, modes.Q, word + word), P)
 
 
-@examples(300)
+@examples(250)
 def test_costs_are_linear_in_the_moment_and_linear_and_monotone_in_the_weight(n, m, seed):
     modes, x0, rng = plant(n, m, seed)
     sequence, y0, a, b = rng.integers(m, size=STEPS), random_gaussian(rng, n), *rng.exponential(1.0, 2)
@@ -186,7 +186,7 @@ def test_costs_are_linear_in_the_moment_and_linear_and_monotone_in_the_weight(n,
     assert plain <= cost(x0, modes.Q + other) * (1 + 1e-9)
 
 
-@examples(800)
+@examples(700)
 def test_a_schedule_is_its_beginning_and_the_rest_from_its_last_moments(n, m, seed):
     modes, x0, rng = full_plant(n, m, seed)
     sequence, k = rng.integers(m, size=STEPS), int(rng.integers(1, STEPS))
