@@ -4,6 +4,7 @@ import importlib
 import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 import traceback
@@ -151,7 +152,7 @@ def _held(name: str, kind: Callable[..., Any], *arguments: Any, **keywords: Any)
     try:
         return kind(*arguments, **keywords)
     except (ValueError, TypeError) as error:
-        raise FormatError(f"{name}: {str(error).replace('matrices', 'A', 1)}") from error
+        raise FormatError(f"{name}: {re.sub('^matrices', 'A', str(error))}") from error
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
