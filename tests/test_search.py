@@ -14,6 +14,7 @@ from switchctl import (
     FewSwitches,
     Gaussian,
     ModeSet,
+    PointwiseMinimum,
     RecedingHorizon,
     Refine,
     Rollout,
@@ -255,3 +256,14 @@ def test_a_trade_off_tells_what_cannot_be(pair):
     ):
         with pytest.raises(error, match=words):
             trade_off(modes, x0, **keywords)
+
+
+def test_of_equal_modes_the_first_is_taken():
+    """A product of matrices may round equal rows differently, by where they stand."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        A, Q, x0 = random_modes(rng, 4, 3, (0.3, 0.9)), np.eye(4), random_gaussian(rng, 4)
+        twice = [0, 1, 2, *rng.integers(3, size=2)]
+        found = schedule(ModeSet(A[twice], Q=Q), x0, Refine(PointwiseMinimum()))
+        assert max(*found.sequence, *found.lead, *found.tail) < 3
+        assert found.cost == pytest.approx(schedule(ModeSet(A, Q=Q), x0, Refine(PointwiseMinimum())).cost, rel=1e-9)

@@ -238,7 +238,7 @@ class LocalSearch(StepCosts):
             costs = ahead + self.switch(before, slice(None), s)
             heads = graph.successor[node]
             costs[(heads < 0) | ~rest.follows[k + 1, heads]] = np.inf
-            best = int(costs.argmin())
+            best = int((costs <= costs.min() * (1 + TIE)).argmax())  # a product may round equal rows differently
             mode = best if costs[best] < costs[present] * (1 - TIE) else present
             chosen[k], node, before, s = (
                 mode,
