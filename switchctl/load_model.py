@@ -137,8 +137,8 @@ def _from_matrices(content: dict[str, Any], name: str) -> Model:
         raise FormatError(f"{name} holds no A, the matrices of the modes; it holds {', '.join(content) or 'nothing'}")
     if unknown := set(content) - KNOWN:
         raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(KNOWN))}")
-    rest = {key: content[key] for key in ("names", "dt", "Q", "states") if key in content}
-    modes = _held(name, ModeSet, content["A"], **{"dt": True, **rest})
+    told = content["A"], content.get("names"), content.get("dt", True)
+    modes = _held(name, ModeSet, *told, Q=content.get("Q"), states=content.get("states"))
     if "cov" in content and "mean" not in content:
         raise FormatError(f"{name} holds cov without mean; give both, or neither and --mean")
     if "mean" not in content:

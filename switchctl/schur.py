@@ -153,10 +153,10 @@ def majorant(steps: Sequence[Array], M: Array, D: Array, sizes: Array) -> Array 
     worth = along(steps, none, Z)
     rounding = len(M) * EPS * scaled_norm(rounded_sizes(steps, none, worth)[1], D)
     shown = scaled_norm(sizes + worth[-1] - Z, D) + rounding < 0.5
-    return Z if shown and np.linalg.eigvalsh(_scaled(Z, D)).min() > -1e-3 else None
+    return Z if shown and np.linalg.eigvalsh(in_units(Z, D)).min() > -1e-3 else None
 
 
-def _scaled(R: Array, D: Array) -> Array:
+def in_units(R: Array, D: Array) -> Array:
     """``D^(-1/2) R D^(-1/2)``, D diagonal; where D_ii is zero, so is R."""
     root = np.sqrt(np.diag(D))
     scale = np.outer(root, root)
@@ -165,7 +165,7 @@ def _scaled(R: Array, D: Array) -> Array:
 
 def scaled_norm(R: Array, D: Array) -> float:
     """The spectral norm of ``D^(-1/2) R D^(-1/2)``; infinite beyond the floating-point range."""
-    scaled = _scaled(R, D)
+    scaled = in_units(R, D)
     return float(np.linalg.norm(scaled, 2)) if np.isfinite(scaled).all() else np.inf
 
 

@@ -85,9 +85,7 @@ def test_rounding_in_the_product_of_a_word_counts():
         rng = np.random.default_rng(seed)
         n, condition = int(rng.integers(2, 4)), 10 ** rng.uniform(1, 6)
         pole = 1 + rng.choice([-1, 1]) * 10 ** rng.uniform(-13, -6)
-        U, W = rotation(rng, n), rotation(rng, n)
-        there = U @ np.diag(np.geomspace(1, condition, n)) @ W
-        A = there @ np.diag(np.append(pole, rng.uniform(-0.9, 0.9, n - 1))) @ np.linalg.inv(there)
+        A = turned(rng, n, condition, pole)
         schur = exact_tail([(A, np.eye(n))])[0] is not None
         assert verdict(A) in (None, schur)
         wrong += (np.abs(np.linalg.eigvals(A)).max() < 1) != schur

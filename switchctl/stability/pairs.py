@@ -17,6 +17,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, smat, svec, transform
 from switchctl.optimum.minorants import below
 from switchctl.optimum.programs import primal_and_dual, solver
+from switchctl.schur import in_units
 
 _WORDS = 4096
 _SEEN = 1e-9  # directions of less weight, in units of the states, count as unseen
@@ -230,8 +231,8 @@ def _error(A: Array, Q: Array, P: Array) -> Array:
     """By how much a tail may be wrong, by its residual (docs/theory.md, "Tails")."""
     size = np.abs(A).T @ np.abs(P) @ np.abs(A) + np.abs(P) + np.abs(Q)
     weight = np.sqrt(np.diag(size))
-    units = np.outer(weight, weight)
-    left, size = (np.divide(X, units, out=np.zeros_like(X), where=units != 0) for X in (Q + transform(A, P) - P, size))
+    D = np.diag(np.diag(size))
+    left, size = in_units(Q + transform(A, P) - P, D), in_units(size, D)
     r = float(np.linalg.norm(left, 2)) + 4 * (len(A) + 2) * _ROUNDING * float(np.linalg.norm(size))
     spread = tail(A, np.diag(np.where(np.diag(P) > 0, weight**2, 0.0)))
     assert spread is not None  # A has a tail
