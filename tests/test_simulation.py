@@ -6,13 +6,13 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from plants import DT, dynamic, linear, quadrotor_rate
 from scipy.integrate import solve_ivp
 
 from switchctl import (
     Constant,
     FewSwitches,
     Gaussian,
-    ModeSet,
     PointwiseMinimum,
     RecedingHorizon,
     Refine,
@@ -28,20 +28,6 @@ from switchctl.models import quadrotor
 from switchctl.simulation.replay import lasting
 
 INACTIVE = ["track", "reset", "hold", "run"]
-DT = 0.1
-
-
-def linear(D=0.0):
-    return control.ss(
-        [[0, 1], [-1, -0.2]], [[0], [1]], [[1, 0.3]], [[D]], name="mass", states=["place", "speed"], inputs=["force"]
-    )
-
-
-def dynamic(plant, inactive="track"):
-    """A gain, and two controllers with states, of which one is fed by the output."""
-    lead, lag = control.tf([4, 4], [1, 8]), control.tf([1, 0.5], [1, 0.05])
-    loops = {"gain": [[2.0, 1.0]], "lead": lead, "lag": lag}
-    return close_loops(plant, loops, DT, inactive=inactive, initial="settled")
 
 
 def exact(modes, x, sequence):
@@ -188,24 +174,6 @@ def test_a_schedule_goes_on_with_its_lead_and_its_tail():
     assert simulate(linear(), modes, ends, [1, 0], 2).status == "completed"
 
 
-def quadrotor_rate(x, tau, c=quadrotor.PARAMETERS):
-    """The paper's equations with the rotors' speeds by hand."""
-    phi, theta, _, p, q, r = x
-    b, d, lever, hover = c["b"], c["d"], c["l"], c["m"] * c["g"]
-    common, roll, pitch, yaw = hover / (4 * b), tau[0] / (2 * b * lever), tau[1] / (2 * b * lever), tau[2] / (4 * d)
-    squares = [common - yaw + pitch, common + yaw - roll, common - yaw - pitch, common + yaw + roll]
-    o1, o2, o3, o4 = np.sqrt(squares)
-    residual = -o1 + o2 - o3 + o4
-    return [
-        p + np.tan(theta) * (q * np.sin(phi) + r * np.cos(phi)),
-        q * np.cos(phi) - r * np.sin(phi),
-        (q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta),
-        (q * r * (c["Iyy"] - c["Izz"]) + c["Jr"] * q * residual + tau[0]) / c["Ixx"],
-        (p * r * (c["Izz"] - c["Ixx"]) - c["Jr"] * p * residual + tau[1]) / c["Iyy"],
-        (p * q * (c["Ixx"] - c["Iyy"]) + tau[2]) / c["Izz"],
-    ]
-
-
 def test_the_quadrotor_runs_as_its_equations_say():
     modes = quadrotor.modes()
     x0 = 0.1 * quadrotor.initial_state().mean
@@ -253,68 +221,6 @@ def test_saturation_acts_on_the_plant_and_is_told_to_controllers_that_track():
     np.testing.assert_array_equal(free.x, simulate(plant, modes, planned, [3, 0], 30).x)
     one_sided = simulate(plant, modes, planned, [3, 0], 30, saturation=(-0.5, np.inf))
     assert one_sided.u.min() == -0.5
-
-
-def curved(gain=0.4):
-    """A plant whose output depends on its input at once, and not linearly."""
-    return control.nlsys(
-        lambda t, x, u, p: [x[1], -np.sin(x[0]) + u[0]],
-        lambda t, x, u, p: [x[0] + gain * np.tanh(u[0])],
-        inputs=1,
-        outputs=1,
-        states=2,
-        name="curved",
-    )
-
-
-@pytest.mark.parametrize("saturation", [None, (-0.3, 0.3)])
-@pytest.mark.parametrize("plant", [curved(), linear(0.4)], ids=lambda plant: plant.name)
-def test_an_algebraic_loop_is_solved_at_every_sample(plant, saturation):
-    of = plant if isinstance(plant, control.StateSpace) else plant.linearize([0, 0], [0])
-    modes = close_loops(of, {"out": control.ss([], [], [], [[1.5]]), "lead": control.tf([4, 4], [1, 8])}, DT)
-    run = simulate(plant, modes, Rollout(), [1.0, 0.5], 40, saturation=saturation)
-    low, high = saturation or (-np.inf, np.inf)
-    c = modes.controllers
-    for k, mode in enumerate(run.sequence):
-        y = plant.output(0, run.x[:2, k], run.u[:, k])
-        assert run.y[0, k] == y[0]
-        asked = -(c.Hz[mode] @ run.x[2:, k] + c.Hy[mode] @ y)
-        assert run.u[:, k] == pytest.approx(np.clip(asked, low, high), abs=1e-8)
-    assert len(set(run.sequence.tolist())) == 2 or saturation
-    if saturation:
-        assert (np.abs(run.u) == 0.3).any()
-
-
-def test_an_algebraic_loop_of_two_inputs_at_their_limits():
-    """What one input lacks at its limit, the other makes up for as far as the loop couples them."""
-    D = np.array([[0.4, 0.3], [-0.2, 0.5]])
-    plant = control.ss(np.diag([-0.1, -0.2]), np.eye(2), np.eye(2), D)
-    K = np.array([[1.0, 0.4], [-0.3, 1.2]])
-    modes = close_loops(plant, {"both": control.ss([], [], [], K), "half": control.ss([], [], [], K / 2)}, DT)
-    # with two outputs and two states a system is fed by the output
-    assert modes.controllers.by_output
-    assert not modes.controllers.by_state
-    run = simulate(plant, modes, Rollout(), [2.0, -1.0], 40, saturation=(-0.4, [0.2, 3.0]))
-    for k, mode in enumerate(run.sequence):
-        asked = -[K, K / 2][mode] @ (run.x[:, k] + D @ run.u[:, k])
-        assert run.u[:, k] == pytest.approx(np.clip(asked, -0.4, [0.2, 3.0]), abs=1e-8)
-    one = (run.u[0] == -0.4) & (np.abs(run.u[1]) < 0.4)
-    assert one.any()
-
-
-def test_an_algebraic_loop_without_solution_is_told():
-    plant = control.nlsys(
-        lambda t, x, u, p: [-x[0]],
-        lambda t, x, u, p: [x[0] + 0.5 * u[0] + 5 * u[0] ** 2],
-        inputs=1,
-        outputs=1,
-        states=1,
-    )
-    modes = close_loops(plant.linearize([0], [0]), {"out": control.ss([], [], [], [[1.0]])}, DT)
-    with pytest.raises(ValueError, match=r"algebraic loop.*delay=True"):
-        simulate(plant, modes, Constant(0), [5.0], 3)
-    assert simulate(plant, modes, Constant(0), [0.1], 3).status == "completed"
-    assert simulate(plant, modes, Constant(0), [0.1], 3, delay=True).status == "completed"
 
 
 def test_noise_is_drawn_from_the_seed():
@@ -400,127 +306,6 @@ def test_loops_follow_a_trajectory():
     np.testing.assert_allclose(run.w2, deviation.w2, atol=1e-7)
 
 
-def clear(x):
-    """Whether the pitch is clear of a right angle, where the Euler angles are singular."""
-    return np.cos(x[1]) - 0.15
-
-
-def test_a_run_that_leaves_its_domain_stops_there():
-    modes, x0 = quadrotor.modes(), np.array([0.5, -1.3, -5.0, 0.1, -7.8, 0.1])
-    plant = quadrotor.nonlinear_plant()
-    planned = schedule(modes, Gaussian(x0, np.zeros((6, 6))), Constant("low"), 100)
-    run = simulate(plant, modes, planned, x0, 100, domain=clear)
-    assert run.status.startswith("left its domain at ")
-    left = float(run.status.split()[4])
-    k = len(run.t) - 1
-    assert 0 < k < 100
-    assert run.t[k] <= left < run.t[k] + 0.01
-    assert len(run.sequence) == k + 1
-    u = run.u[:, k]
-    x = solve_ivp(lambda t, x: quadrotor_rate(x, u), (0, left - run.t[k]), run.x[:, k], rtol=1e-10, atol=1e-12)
-    assert np.cos(x.y[1, -1]) == pytest.approx(0.15, abs=1e-4)
-    assert not run.success
-    outside = simulate(plant, modes, planned, x0, 100, domain=lambda x: np.nan)
-    assert outside.status == "left its domain at 0 s: domain(x) is not positive"
-    assert outside.x.shape == (6, 1)
-    assert len(outside.sequence) == 0
-
-
-def test_a_sampled_run_stops_at_the_first_sample_outside():
-    modes = close_loops(linear().sample(DT), {"gain": [[2.0, 1.0]]})
-    run = simulate(modes.plant, modes, Constant(0), [1, 0], 50, domain=lambda x: x[0])
-    inside = run.x[0, :-1]
-    assert (inside > 0).all()
-    assert run.x[0, -1] <= 0
-    assert run.status == f"left its domain at {run.t[-1]:.6g} s: domain(x) is not positive"
-
-
-def root_plant(failure):
-    """x' = -1 + u, defined while x > 0."""
-
-    def rate(t, x, u, params):
-        if x[0] <= 0:
-            failure()
-        return [-np.sqrt(x[0]) - 0.5 + u[0]]
-
-    return control.nlsys(rate, inputs=1, states=1, outputs=1)
-
-
-def raising():
-    raise ZeroDivisionError("no root")
-
-
-def interrupting():
-    raise KeyboardInterrupt
-
-
-@pytest.mark.parametrize(
-    ("failure", "words"),
-    [(raising, "raised ZeroDivisionError: no root"), (lambda: None, "not finite"), (interrupting, "interrupted")],
-)
-def test_a_plant_that_fails_ends_the_run_with_what_there_is(failure, words):
-    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
-    run = simulate(root_plant(failure), modes, Constant(0), [1.0], 100)
-    assert words in run.status
-    # sqrt(x) + ln(1 + 2 sqrt(x)) terms: x' = -sqrt(x) - 1/2 reaches zero at 2 - ln 3
-    end = 2 - np.log(3)
-    if failure is not interrupting:
-        assert run.status.startswith("left its domain at ")
-        assert float(run.status.split()[4]) == pytest.approx(end, abs=1e-3)
-    assert len(run.t) == int(end / 0.1) + 1
-    assert np.isfinite(run.x).all()
-    assert (run.x > 0).all()
-
-
-def test_an_interruption_before_anything_is_not_swallowed():
-    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
-
-    def output(t, x, u, params):
-        raise KeyboardInterrupt
-
-    plant = control.nlsys(lambda t, x, u, p: -x, output, inputs=1, outputs=1, states=1)
-    with pytest.raises(KeyboardInterrupt):
-        simulate(plant, modes, Constant(0), [1.0], 5)
-
-
-def test_an_output_that_fails_and_nan_never_choose():
-    modes = close_loops(linear(), {"lead": control.tf([4, 4], [1, 8]), "gain": [[2.0, 1.0]]}, DT)
-    plant = control.nlsys(
-        lambda t, x, u, p: linear().A @ x + linear().B @ u,
-        lambda t, x, u, p: [x[0] + 0.3 * x[1] if t < 1.05 else np.nan],
-        inputs=1,
-        outputs=1,
-        states=2,
-    )
-    with pytest.raises(ValueError, match="at operating_point"):
-        simulate(
-            control.nlsys(plant.updfcn, lambda t, x, u, p: [np.nan], inputs=1, outputs=1, states=2),
-            modes,
-            Rollout(),
-            [1, 0],
-            20,
-        )
-    run = simulate(plant, modes, Rollout(), [1, 0], 20)
-    assert "not finite" in run.status
-    assert len(run.sequence) == 11
-    assert len(run.t) == 12
-    assert np.isfinite(run.x).all()
-    assert np.isnan(run.y[0, -1])
-    assert np.isfinite(run.u).all()
-
-
-def test_a_run_that_escapes_in_finite_time_stops():
-    modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
-    plant = control.nlsys(lambda t, x, u, p: x**2 + u, inputs=1, states=1, outputs=1)
-    run = simulate(plant, modes, Rollout(), [0.95], 100)
-    assert float(run.status.split(" at ")[1].split()[0]) == pytest.approx(1 / 0.95, abs=1e-5)
-    assert len(run.t) == 11
-    sampled = control.nlsys(lambda t, x, u, p: 10 * x**3, inputs=1, states=1, outputs=1, dt=0.1)
-    run = simulate(sampled, modes, Rollout(), [2.0], 100)
-    assert run.status != "completed"
-    assert np.isfinite(run.x).all()
-
-
 def test_the_response_is_python_controls():
     modes = dynamic(linear())
     run = simulate(linear(), modes, Rollout(), [1, 0], 20)
@@ -552,89 +337,3 @@ def test_a_system_of_systems_is_a_plant():
     modes = dynamic(linear())
     run = simulate(plant, modes, Constant(0), [1, 0], 20)
     np.testing.assert_allclose(run.x, simulate(linear(), modes, Constant(0), [1, 0], 20).x, rtol=1e-9, atol=1e-11)
-
-
-def static_modes(dt=DT, **keywords):
-    return close_loops(linear(), {"gain": [[2.0, 1.0]]}, dt, **keywords)
-
-
-def planned(modes):
-    return Schedule(modes, Gaussian(np.ones(2), np.eye(2)), [0])
-
-
-MODES = static_modes()
-
-
-def nonlinear(**keywords):
-    return control.nlsys(
-        lambda t, x, u, p: -x, lambda t, x, u, p: x[:1], **({"inputs": 1, "states": 2, "outputs": 1} | keywords)
-    )
-
-
-def wrong(**changes):
-    return {"plant": linear(), "modes": MODES, "method": Constant(0), "x0": [1.0, 0.0], "steps": 5} | changes
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "words"),
-    [
-        (wrong(plant=control.tf([1], [1, 1])), TypeError, "not a TransferFunction; control.ss"),
-        (wrong(plant="plant"), TypeError, "not a str"),
-        (wrong(plant=nonlinear(inputs=2)), ValueError, "2 states, 2 inputs and 1 outputs; .* one of 2, 1 and 1"),
-        (wrong(plant=nonlinear(states=3)), ValueError, "3 states"),
-        (wrong(plant=nonlinear(outputs=2)), ValueError, "2 outputs"),
-        (wrong(plant=nonlinear(dt=0.2)), ValueError, r"dt = 0.2, and the modes with dt = 0.1"),
-        (wrong(plant=nonlinear(dt=None)), ValueError, "plant.dt is None"),
-        (wrong(modes=close_loops(linear().sample(DT), [[[1.0, 1.0]]]), plant=linear().sample(0.3)), ValueError, "0.3"),
-        (
-            wrong(modes=close_loops(control.ss(linear().sample(DT), dt=True), [[[1.0, 1.0]]])),
-            ValueError,
-            "no sampling period",
-        ),
-        (
-            wrong(
-                plant=control.nlsys(lambda t, x, u, p: [1.0], lambda t, x, u, p: x[:1], inputs=1, states=2, outputs=1)
-            ),
-            ValueError,
-            "expected 2",
-        ),
-        (wrong(modes=ModeSet(MODES.A)), TypeError, "not a ModeSet: a plain ModeSet.*knows no plant"),
-        (wrong(modes=linear()), TypeError, "what close_loops returns"),
-        (wrong(modes=static_modes(discretize="closed_loop")), ValueError, 'discretize="plant"'),
-        (wrong(method="rollout"), TypeError, "method must be a Method"),
-        (wrong(method=planned(MODES), rules=Rules()), ValueError, "leave them out"),
-        (wrong(method=planned(static_modes(0.2))), ValueError, "other modes"),
-        (wrong(rules=SwitchingGraph(static_modes())), ValueError, "other modes"),
-        (wrong(x0=[1.0]), ValueError, r"x0 has shape \(1,\); the plant has 2 states"),
-        (wrong(x0=[1.0, np.nan]), ValueError, r"x0\[1\] is nan"),
-        (wrong(x0=Gaussian([1.0], [[1.0]])), ValueError, r"shape \(1,\)"),
-        (wrong(x0="here"), TypeError, "x0 must hold real numbers"),
-        (wrong(steps=0), ValueError, "at least 1"),
-        (wrong(steps=1.5), ValueError, "whole number"),
-        (wrong(saturation=1.0), TypeError, "must be \\(low, high\\)"),
-        (wrong(saturation=(1.0, -1.0)), ValueError, "low <= high"),
-        (wrong(saturation=(np.nan, 1.0)), ValueError, "low <= high"),
-        (wrong(saturation=(np.inf, np.inf)), ValueError, "low <= high"),
-        (wrong(saturation=([0.0, 0.0], 1.0)), ValueError, r"low has shape \(2,\)"),
-        (wrong(saturation=("a", 1.0)), TypeError, "real numbers"),
-        (wrong(delay=0.5), TypeError, "True or False"),
-        (wrong(noise=0.1), ValueError, "don't measure it"),
-        (wrong(modes=dynamic(linear()), noise=-0.1), ValueError, "noise is not positive semidefinite"),
-        (wrong(modes=dynamic(linear()), noise=np.eye(2)), ValueError, r"noise has shape \(2, 2\)"),
-        (wrong(operating_point=3), TypeError, "find_operating_point"),
-        (wrong(operating_point=([1.0], [1.0])), ValueError, r"state of operating_point has shape \(1,\)"),
-        (wrong(operating_point=([1.0, 0.0], np.ones((1, 6)))), ValueError, r"expected \(1,\), or \(1, 5\)"),
-        (wrong(operating_point=(np.ones((2, 5)), [1.0])), ValueError, r"expected \(2,\), or \(2, 6\)"),
-        (wrong(operating_point=([1.0, np.inf], [1.0])), ValueError, "inf"),
-        (wrong(domain=1.0), TypeError, "domain must be a function"),
-        (wrong(seed=None), TypeError, "seed"),
-        (wrong(seed=-1), ValueError, "seed is -1"),
-        (wrong(rtol=0), ValueError, "rtol is 0"),
-        (wrong(atol=np.nan), ValueError, "atol is nan"),
-        (wrong(atol="1"), TypeError, "atol"),
-        (wrong(saturated=True), TypeError, "saturated"),
-    ],
-)
-def test_wrong_input(arguments, error, words):
-    with pytest.raises(error, match=words):
-        simulate(**arguments)
