@@ -14,7 +14,7 @@ from switchctl.memory import Automaton, Memory, explore, longest_runs
 from switchctl.modes import ModeSet, require_modes
 from switchctl.moments import Array
 from switchctl.rules import ContradictionError, Rules
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import frozen, listed, shown, whole_number
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from control import ControlPlot
 
 
-class SwitchingGraph:
+class SwitchingGraph(Summary):
     """Modes under switching rules: the nodes are what must be remembered, the edges the moves allowed.
 
     Only what can be reached is kept, and only moves after which the run can go on for ever. Without rules it is one
@@ -357,12 +357,6 @@ class SwitchingGraph:
     def _heading(self) -> str:
         V, E = len(self), int((self.successor >= 0).sum())
         return f"SwitchingGraph: {V} node{'s' * (V > 1)}, {E} edge{'s' * (E > 1)}"
-
-    def __repr__(self) -> str:
-        return tree(self._heading(), self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), self._heading())
 
 
 def _rebuilt(modes: ModeSet, rules: Rules, automaton: Automaton | None, place: Hashable) -> SwitchingGraph:

@@ -1,5 +1,6 @@
 """Small tables, as text for a terminal and as HTML for a notebook."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -40,3 +41,19 @@ def tree(heading: str, facts: Sequence[tuple[str, str]]) -> str:
     branches = ["├──"] * (len(facts) - 1) + ["└──"]
     lines = [f"{branch} {key:<{width}}  {value}" for branch, (key, value) in zip(branches, facts, strict=False)]
     return "\n".join([heading, *lines])
+
+
+class Summary(ABC):
+    """What is printed as a heading and facts: a tree at a terminal, a table in a notebook."""
+
+    @abstractmethod
+    def _heading(self) -> str: ...
+
+    @abstractmethod
+    def _facts(self) -> Sequence[tuple[str, str]]: ...
+
+    def __repr__(self) -> str:
+        return tree(self._heading(), self._facts())
+
+    def _repr_html_(self) -> str:
+        return html_table(["", ""], self._facts(), self._heading())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from switchctl.methods.prediction import INTERRUPTED
 from switchctl.modes import ModeSet
 from switchctl.moments import Array
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 
 if TYPE_CHECKING:
     from control import ControlPlot
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-9  # of a prediction: what a mean of equal numbers may be off by
 
 
-@dataclass(frozen=True, eq=False)
-class MonteCarlo:
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarlo(Summary):
     """The mean of ``||x||^2`` over samples, beside the W2 that schedules predict for it. `monte_carlo` makes one.
 
     Arrays have a row for each schedule, and one entry a step along the last axis, for the state at its beginning.
@@ -114,12 +114,6 @@ class MonteCarlo:
         steps = self.mean.shape[1]
         duration = "" if self.modes.dt is True else f" ({steps * self.modes.dk:g} s)"
         return f"MonteCarlo: {self.samples} samples, {steps} step{'s' * (steps > 1)}{duration}"
-
-    def __repr__(self) -> str:
-        return tree(self._heading(), self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), self._heading())
 
     def plot(self, **keywords: Any) -> "ControlPlot":
         """Draw W2 and the mean with its band; see `switchctl.plotting.plot_monte_carlo` for the keywords.

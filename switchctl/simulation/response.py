@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from switchctl.moments import Array
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 
 
-class Run(control.TimeResponseData):
+class Run(Summary, control.TimeResponseData):
     """The response of a simulated loop, as python-control's, with what the switching did. `simulate` makes one.
 
     Parameters
@@ -65,9 +65,3 @@ class Run(control.TimeResponseData):
 
     def _heading(self) -> str:
         return f"Run: {len(self.t)} samples, from {self.t[0]:g} to {self.t[-1]:g}"
-
-    def __repr__(self) -> str:
-        return tree(self._heading(), self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), self._heading())

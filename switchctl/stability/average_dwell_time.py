@@ -14,7 +14,7 @@ from switchctl.stability.dwell_time import DwellTime, minimum_dwell_time
 from switchctl.stability.joint_spectral_radius import held, proven_radius
 from switchctl.stability.moves import LEAST, Moves, exactly, multiplied, power
 from switchctl.stability.quadratic import quadratic_norms
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import seconds
 
 _ACCURACY = 1e-6
@@ -22,8 +22,8 @@ _TRIED = 25  # rates of decay
 _HELD = 32  # steps for which one of two modes is held
 
 
-@dataclass(frozen=True, eq=False)
-class AverageDwellTime:
+@dataclass(frozen=True, eq=False, repr=False)
+class AverageDwellTime(Summary):
     """An average dwell time that makes every switching signal stable; see `average_dwell_time`.
 
     Parameters
@@ -59,11 +59,8 @@ class AverageDwellTime:
             facts.append(("not stable at", f"{self.lower:.6g} steps: {held(self.word, self.modes.names)}"))
         return facts if self.status == "done" else [*facts, ("status", self.status)]
 
-    def __repr__(self) -> str:
-        return tree("AverageDwellTime", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), "Average dwell time")
+    def _heading(self) -> str:
+        return "AverageDwellTime"
 
 
 def average_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> AverageDwellTime:

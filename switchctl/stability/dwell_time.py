@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from switchctl.modes import ModeSet, require_modes
 from switchctl.stability.joint_spectral_radius import Bounds, bounded, held
 from switchctl.stability.moves import Moves
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import seconds
 
 _LONGEST = 100_000
 
 
-@dataclass(frozen=True, eq=False)
-class DwellTime:
+@dataclass(frozen=True, eq=False, repr=False)
+class DwellTime(Summary):
     """The least dwell time that makes every switching signal stable; see `minimum_dwell_time`.
 
     Parameters
@@ -57,11 +57,8 @@ class DwellTime:
             facts.append((f"dwell {self.lower - 1}", f"{word} does not: rate {self.unstable.lower:.8g} a step"))
         return facts if self.status == "done" else [*facts, ("status", self.status)]
 
-    def __repr__(self) -> str:
-        return tree("DwellTime", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), "Dwell time")
+    def _heading(self) -> str:
+        return "DwellTime"
 
 
 def minimum_dwell_time(modes: ModeSet, time_limit: float = 30.0) -> DwellTime:
@@ -171,8 +168,8 @@ class _Search:
         return self.found[dwell].verdict
 
 
-@dataclass(frozen=True, eq=False)
-class DwellTimes:
+@dataclass(frozen=True, eq=False, repr=False)
+class DwellTimes(Summary):
     """A dwell time for each mode; see `mode_dependent_dwell_times`.
 
     Parameters
@@ -203,11 +200,8 @@ class DwellTimes:
         facts.append(("with these", f"every signal vanishes, at a rate of {self.stable.upper:.8g} a step or less"))
         return facts if self.status == "done" else [*facts, ("status", self.status)]
 
-    def __repr__(self) -> str:
-        return tree("DwellTimes", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), "Dwell times")
+    def _heading(self) -> str:
+        return "DwellTimes"
 
 
 def mode_dependent_dwell_times(modes: ModeSet, time_limit: float = 30.0) -> DwellTimes:

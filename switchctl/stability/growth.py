@@ -13,7 +13,7 @@ import numpy as np
 
 from switchctl.moments import Array
 from switchctl.stability.moment_operator import MomentOperator, Move
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import frozen
 
 Verdict = Literal["stable", "unstable", "undecided"]
@@ -51,7 +51,7 @@ class Stationary(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GrowthRate:
+class GrowthRate(Summary):
     """Bounds of the rate at which second moments grow or fall: in the long run ``tr S(k)`` goes as ``rate^(2k)``.
 
     The rate is the square root of the spectral radius of the moments' operator: of a mode its spectral radius, of a
@@ -113,11 +113,8 @@ class GrowthRate:
             facts.append(("stationary", f"second moment of trace {np.trace(self.stationary.total):.6g}"))
         return facts
 
-    def __repr__(self) -> str:
-        return tree(f"GrowthRate: {self.verdict}", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), f"GrowthRate: {self.verdict}")
+    def _heading(self) -> str:
+        return f"GrowthRate: {self.verdict}"
 
 
 def growth_rate(of: str, moves: Sequence[Move], nodes: int, noise: tuple[Array, Array] | None = None) -> GrowthRate:

@@ -20,7 +20,7 @@ from switchctl.optimum.upper import contracting_walk
 from switchctl.result import Schedule
 from switchctl.scheduling import schedule
 from switchctl.stability.pairs import Pairs, Verdict, positive_definite
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import frozen
 from switchctl.values import require_plain_total
 
@@ -28,7 +28,7 @@ _LONGEST = 2**47
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SwitchingHelp:
+class SwitchingHelp(Summary):
     """Whether some switching sequence costs less than every single mode. `does_switching_help` makes one.
 
     Costs are per dk: ``tr(P S)``.
@@ -91,11 +91,9 @@ class SwitchingHelp:
     saves_at_most: float | None = None
     status: str = "done"
 
-    @property
     def _heading(self) -> str:
         return f"SwitchingHelp: {({True: 'yes', False: 'no', None: 'undecided'})[self.helps]}"
 
-    @property
     def _facts(self) -> list[tuple[str, str]]:
         names, most = self.modes.names, f"at most {_percent(self.gain)}, from any state"
         most = {0.0: "", 1.0: "no upper bound proven"}.get(self.gain, most)
@@ -112,12 +110,6 @@ class SwitchingHelp:
         if self.status != "done":
             told.append(("status", self.status))
         return [(key, value) for key, value in told if value]
-
-    def __repr__(self) -> str:
-        return tree(self._heading, self._facts)
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts, self._heading)
 
 
 def does_switching_help(

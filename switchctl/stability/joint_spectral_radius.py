@@ -15,7 +15,7 @@ from switchctl.stability.branching import Cycle, Tree, branch, promising_cycle
 from switchctl.stability.growth import Verdict, verdict
 from switchctl.stability.moves import Moves, Rounded, multiplied
 from switchctl.stability.quadratic import growth, lifting_norms, quadratic_norms, rounding
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.validation import number
 
 _PRODUCTS = 20_000  # of a branch and bound, at first
@@ -83,7 +83,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JointSpectralRadius(Bounds):
+class JointSpectralRadius(Summary, Bounds):
     """The joint spectral radius; see `joint_spectral_radius`.
 
     Parameters
@@ -119,11 +119,8 @@ class JointSpectralRadius(Bounds):
             ("status", self.status),
         ]
 
-    def __repr__(self) -> str:
-        return tree("JointSpectralRadius", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), "Joint spectral radius")
+    def _heading(self) -> str:
+        return "JointSpectralRadius"
 
 
 def held(word: tuple[int, ...], names: tuple[str, ...]) -> str:

@@ -25,13 +25,13 @@ from switchctl.stability.falling import Fall, fall, largest_share, rounding, spr
 from switchctl.stability.growth import Verdict, definite, transient
 from switchctl.stability.holds import longest_hold
 from switchctl.stability.switching import word_stability
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 
 _MOVES = 1024  # of a graph up to which a rate is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PolicyStability:
+class PolicyStability(Summary):
     """What is proven of a method on some modes: the answer of `policy_stability`.
 
     Parameters
@@ -76,11 +76,8 @@ class PolicyStability:
         rate = [] if self.rate is None else [("rate", f"{self.rate:.9g} per step")]
         return [("method", repr(self.method)), *rate, ("why", self.why)]
 
-    def __repr__(self) -> str:
-        return tree(f"PolicyStability: {self.verdict}", self._facts())
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], self._facts(), f"PolicyStability: {self.verdict}")
+    def _heading(self) -> str:
+        return f"PolicyStability: {self.verdict}"
 
 
 def policy_stability(modes: ModeSet | SwitchingGraph, method: Method) -> PolicyStability:
