@@ -11,7 +11,6 @@ from switchctl.gaussian import Gaussian
 from switchctl.graph import SwitchingGraph
 from switchctl.modes import ModeSet
 from switchctl.rules import Budget, Rules
-from switchctl.validation import number
 
 if TYPE_CHECKING:
     from switchctl.result import Schedule
@@ -114,7 +113,7 @@ def read_schedule(document: Mapping[str, Any]) -> tuple[Any, ...]:
         document["lengthened"],
         tuple(read_list(document["lead"])),
         graph,
-        {name: number(value, f"statistics[{name!r}]") for name, value in dict(document["statistics"]).items()},
+        document["statistics"],
         document["lower_bound"],
         document["terminal"],
         None if document["target"] is None else Gaussian(*read_list(document["target"])),

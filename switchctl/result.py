@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -23,7 +22,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, moment_factor, trajectory
 from switchctl.plain import VERSION, plain_schedule, read_schedule
 from switchctl.predicted import factors_along, predicted, squared_distances
-from switchctl.result_checks import lengthened_holds, require_kinds
+from switchctl.result_checks import lengthened_holds, numbers_by_name, require_kinds
 from switchctl.result_text import facts, heading
 from switchctl.switches import Switch, switches_of
 from switchctl.tables import html_table, tree
@@ -61,7 +60,7 @@ class Schedule:
     graph : SwitchingGraph, optional
         The rules; by default there are none. A sequence against the rules is refused.
     statistics : dict, optional
-        What a search that made the schedule reports.
+        What a search that made the schedule reports: numbers by name.
     lower_bound : float, optional
         What every schedule for these modes, rules and initial state costs at least, where it is proven.
     terminal : array_like, shape (n, n), optional
@@ -101,7 +100,7 @@ class Schedule:
     lengthened: tuple[tuple[int, int], ...] = ()
     lead: tuple[int, ...] = ()
     graph: SwitchingGraph = None  # type: ignore[assignment]
-    statistics: Mapping[str, Any] = field(default_factory=dict)
+    statistics: Mapping[str, float] = field(default_factory=dict)
     lower_bound: float | None = None
     terminal: Any = None
     target: Gaussian | None = None
@@ -140,7 +139,7 @@ class Schedule:
                 raise ValueError(f"the tail can't repeat {words!r} for ever under {self.graph.rules!r}")
         object.__setattr__(self, "sequence", frozen(sequence))
         object.__setattr__(self, "lead", lead)
-        object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
+        object.__setattr__(self, "statistics", numbers_by_name(self.statistics))
         object.__setattr__(self, "tail", tail)
         object.__setattr__(self, "lengthened", lengthened_holds(self.lengthened))
         if self.lower_bound is not None and self.lower_bound > self.cost * (1 + 1e-9):

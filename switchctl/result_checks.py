@@ -1,15 +1,16 @@
 """What a `Schedule` is made of, checked."""
 
 from collections.abc import Mapping
+from numbers import Integral
+from types import MappingProxyType
 from typing import Any
 
 from switchctl.graph import SwitchingGraph
-from switchctl.validation import listed, shown, whole_number
+from switchctl.validation import listed, number, shown, whole_number
 
 _KINDS: dict[str, tuple[type | tuple[type, ...], str]] = {
     "method": (str, "a text"),
     "status": (str, "a text"),
-    "statistics": (Mapping, "a dict"),
     "graph": ((SwitchingGraph, type(None)), "a SwitchingGraph(modes, rules)"),
 }
 
@@ -30,3 +31,16 @@ def lengthened_holds(value: Any) -> tuple[tuple[int, int], ...]:
             raise ValueError(f"lengthened holds {shown(given)}; expected pairs (step, steps added)")
         pairs.append((pair[0], pair[1]))
     return tuple(pairs)
+
+
+def numbers_by_name(value: Any) -> Mapping[str, float]:
+    """What a search reports."""
+    if not isinstance(value, Mapping):
+        raise TypeError(f"statistics must be a dict of numbers, not {shown(value)}")
+    told: dict[str, float] = {}
+    for name, entry in value.items():
+        if not isinstance(name, str):
+            raise TypeError(f"statistics has the name {shown(name)}; expected a text")
+        real = number(entry, f"statistics[{name!r}]")
+        told[name] = int(entry) if isinstance(entry, Integral) else real
+    return MappingProxyType(told)

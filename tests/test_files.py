@@ -103,6 +103,7 @@ def test_a_saved_sequence_against_its_rules_is_refused(pair, tmp_path):
         ({"edges": [[1]]}, "damaged schedule"),
         ({"lead": [9]}, "damaged schedule"),
         ({"statistics": 7}, "damaged schedule"),
+        ({"statistics": [[0.97, 0.0], [0.0, 0.8]]}, "damaged schedule: statistics must be a dict of numbers"),
     ):
         seal(path, document | change)
         with pytest.raises(FormatError, match=words):

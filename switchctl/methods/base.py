@@ -43,7 +43,7 @@ class Scheduler(ABC):
     lengthened : int
         Steps added to the hold begun at this sample to meet a stability constraint.
     statistics : dict
-        What a method that plans reports of its search.
+        What a method that plans reports of its search: numbers by name.
     interrupted : bool
         Whether Ctrl-C cut that search short.
     status : str
@@ -75,7 +75,7 @@ class Scheduler(ABC):
     def __init__(self, graph: SwitchingGraph | ModeSet) -> None:
         self.graph = as_graph(graph)
         self.modes = self.graph.modes
-        self.statistics: dict[str, Any] = {}
+        self.statistics: dict[str, float] = {}
         self.reset()
 
     @abstractmethod
