@@ -92,6 +92,30 @@ def test_any_schedule_has_a_certificate(pair, x0):
     assert certificate.gap <= 0.01
 
 
+@pytest.mark.parametrize("method", [Constant("fast"), Constant("calm"), RecedingHorizon(1)], ids=repr)
+def test_the_gap_asked_for_is_that_to_the_schedule(pair, x0, method):
+    """Also where the schedule costs far more than the least cost that the search for bounds comes to know."""
+    found, best = schedule(pair, x0, method), schedule(pair, x0, Optimal(gap=1e-5))
+    least = 1 - best.lower_bound / found.cost
+    for gap in ((1 + least) / 2, 0.9 * least + 0.1, least + 2e-3 * (1 - least)):
+        certificate = certify(found, gap)
+        certificate.check()
+        assert least * (1 - 1e-4) <= certificate.gap <= gap
+
+
+def test_rounding_does_not_take_from_the_gap():
+    """A pendulum's three loops, one a lead whose state weighs little: the bounds lose 2e-4 of the cost when rounded."""
+    A = [
+        [[0.991, 0.008966, 0.0], [-1.797, 0.7936, 0.0], [0.01604, -0.0005602, 0.00592]],
+        [[0.999, 0.009545, 0.0], [-0.1972, 0.9093, 0.0], [0.02045, -0.0002414, 0.00592]],
+        [[0.9764, 0.009983, 1.079], [-4.716, 0.997, 215.6], [0.008, 0.0, 0.6]],
+    ]
+    modes, start = ModeSet(A, Q=np.diag([20, 1, 1e-3]), dt=0.01), Gaussian([0.5, 2.0, 0.0], np.diag([0.01, 0.04, 0.0]))
+    found = schedule(modes, start, Optimal(gap=1e-2), rules=Rules(min_dwell=5, switch_cost=0.005))
+    for gap in (0.01, 0.02):
+        assert certify(found, gap).gap <= gap
+
+
 def test_a_small_tree_proves_less(pair, x0):
     found = schedule(pair, x0, Optimal(gap=1e-6))
     small, large = certify(found, 1e-6, prefixes=5), certify(found, 1e-6)

@@ -18,6 +18,7 @@ from switchctl.values import require_plain_total, switched, word_value
 
 _LARGEST = 20_000  # nodes and choices of a graph
 _FIRST = 0.5
+_TRIES = 10
 
 
 def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) -> Certificate:
@@ -35,11 +36,24 @@ def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) ->
         raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
     if schedule.cost == 0:
         raise ValueError("the schedule costs nothing, and none costs less, so there is nothing to prove of it")
-    writer = _Writer(schedule)
-    tree = writer.grow(gap, prefixes, time.perf_counter() + time_limit)
-    data, witness = writer.data(), {**writer.bounds(), "tree": tree, **writer.run()}
-    problem = check.Problem(data)  # the claim is what the checker finds proven, rounded outward
-    lower, upper = float(check.proven_lower(problem, witness)), float(check.proven_upper(problem, witness))
+    writer, deadline = _Writer(schedule), time.perf_counter() + time_limit
+    data, fixed = writer.data(), writer.run()
+    problem = check.Problem(data)
+    upper, lower, witness, lost = float(check.proven_upper(problem, fixed)), -math.inf, fixed, 0.0
+    tree: list[int] = []
+    for _ in range(_TRIES):
+        known, before = writer.cost, tree
+        aim = 1 - (1 - gap) * upper / known - lost  # a fraction of the least cost known, not of the schedule's
+        tree = writer.grow(aim if 0 < aim < 1 else gap, prefixes, deadline)
+        if tree == before and writer.cost == known:
+            break
+        tried = fixed | {"tree": tree} | writer.bounds()
+        proven = float(check.proven_lower(problem, tried))
+        if proven > lower:
+            lower, witness = proven, tried  # the claim is what the checker finds proven, rounded outward
+        if lower >= (1 - gap) * upper:
+            break
+        lost += 1.5 * max(1 - aim - proven / writer.cost, 0.0)  # by rounding
     claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
     return Certificate.of("optimum", data, claim, witness)
 
@@ -62,6 +76,11 @@ class _Writer:
         if schedule.cost / dk < self.search.cost:
             self.search.cost = schedule.cost / dk
         self.nodes = self._reached()
+
+    @property
+    def cost(self) -> float:
+        """The least cost known."""
+        return float(self.search.cost * self.schedule.modes.dk)
 
     def _reached(self) -> dict[tuple[int, int], int]:
         """The nodes of the problem, by steps taken (0 if endless) and node of the graph, numbered from the start."""
