@@ -20,6 +20,8 @@ GREATEST = 2**53
 SETTINGS = 1000
 """The most settings that are tried in one call."""
 
+_TINY = 2.0**-1000
+
 
 def real_array(value: Any, name: str, shape: Sequence[int | None] | None = None) -> Array:
     """Copy ``value`` into a finite float64 array of the given shape (None: any length along that axis)."""
@@ -63,7 +65,7 @@ def symmetric(array: Array, name: str) -> Array:
         return array
     half = array / 2
     gap = np.abs(half - np.swapaxes(half, -1, -2))  # half of the difference, which is never beyond the range
-    if (gap > 0.5e-10 * _greatest_linked(array)[..., None]).any():
+    if (gap > 0.5e-10 * _greatest_linked(array)[..., None] + _lost(array)).any():
         index = tuple(int(i) for i in np.unravel_index(gap.argmax(), gap.shape))
         where, (i, j) = _member(name, index[:-2]), index[-2:]
         raise ValueError(
@@ -79,15 +81,22 @@ def positive_semidefinite(array: Array, name: str) -> Array:
     States that no entry links are judged apart, so that great ones don't hide small ones.
     """
     array = symmetric(array, name)
-    scale = _greatest_linked(array)
-    eigenvalues, vectors = np.linalg.eigh(array / np.where(scale > 0, scale, 1.0)[..., None])
-    least = eigenvalues[..., 0]
-    if (least < -1e-12 * np.abs(eigenvalues).max(axis=-1)).any():
+    greatest = _greatest_linked(array)
+    scale = np.where(greatest > 0, np.maximum(greatest, _TINY), 1.0)
+    eigenvalues, vectors = np.linalg.eigh(array / scale[..., None])
+    least, place = eigenvalues[..., 0], np.abs(vectors[..., 0]).argmax(axis=-1)[..., None]
+    share = np.take_along_axis(np.minimum(greatest, _TINY) / _TINY, place, -1)[..., 0]
+    if (least < -1e-12 * share * np.abs(eigenvalues).max(axis=-1, initial=1.0) - _lost(array) / _TINY).any():
         index = np.unravel_index(least.argmin(), least.shape)
-        worst = float(least[index] * scale[index][np.abs(vectors[index][:, 0]).argmax()])
+        worst = float(least[index] * scale[index][place[index][0]])
         where = _member(name, tuple(int(i) for i in index))
         raise ValueError(f"{where} is not positive semidefinite: its least eigenvalue is {worst:.6g}; it must be >= 0")
     return array
+
+
+def _lost(array: Array) -> float:
+    """What sums of so many products lose to the spacing of the least numbers, whatever their size."""
+    return 32.0 * array.shape[-1] * float(np.finfo(float).smallest_subnormal)
 
 
 def _member(name: str, index: tuple[int, ...]) -> str:

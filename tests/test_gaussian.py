@@ -144,3 +144,25 @@ def test_arrays_of_a_gaussian_are_read_only():
             array[...] = 2.0
     with pytest.raises(ValueError, match=r"target\[0\] is nan"):
         gaussian.w2([np.nan])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_covariances_that_underflow_are_not_refused(n):
+    """Down to the last bits rounding is as great as the entries, and makes an eigenvalue of theirs negative."""
+    rng = np.random.default_rng(n)
+    for _ in range(20):
+        A = rng.standard_normal((n, n))
+        A *= 0.3 / np.abs(np.linalg.eigvals(A)).max()
+        cov = np.eye(n)
+        for _ in range(400):
+            cov = A @ cov @ A.T
+            Gaussian(np.zeros(n), cov)
+
+
+@pytest.mark.parametrize("least", [1.0, 1e-300, 1e-310, 1e-320])
+def test_however_small_an_indefinite_covariance_is_refused(least):
+    for cov in ([[-least]], np.diag([1.0, -least]), [[least, 2 * least], [2 * least, least]]):
+        with pytest.raises(ValueError, match="cov is not positive semidefinite: its least eigenvalue is -"):
+            Gaussian(np.zeros(len(cov)), cov)
+    with pytest.raises(ValueError, match="cov is not symmetric"):
+        Gaussian([0.0, 0.0], [[least, least / 2], [0.0, least]])

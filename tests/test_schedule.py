@@ -215,7 +215,7 @@ def test_wrong_arguments(pair):
         (lambda: schedule(modes, x0, Rollout(), horizon=3), TypeError, "horizon"),
         (lambda: compare(modes, x0, []), ValueError, "methods is empty"),
         (lambda: compare(modes, x0, {"fast": Rollout()}), ValueError, "name of a mode"),
-        (lambda: compare(modes, x0, [Rollout(), Rollout()]), ValueError, "two that read the same"),
+        (lambda: compare(modes, x0, [Rollout(), Rollout()]), ValueError, r"two that read Rollout\(\)"),
         (lambda: sweep(modes, x0, 50, [1]), TypeError, "horizons must be a sequence"),
         (lambda: Schedule(modes, x0, [0]).save("/nowhere/s.json"), FileNotFoundError, "no folder '/nowhere'"),
         (lambda: compare(modes, x0, ["rollout"]), TypeError, "must be a Method"),
@@ -309,3 +309,19 @@ def test_a_sweep_passes_its_settings_on(pair):
     plain = schedule(*pair, RecedingHorizon(5, 2)).cost
     assert held == schedule(*pair, RecedingHorizon(5, 2, 0.9)).cost != plain
     assert cut == schedule(*pair, RecedingHorizon(5, 2), steps=3).cost != plain
+
+
+def test_a_run_down_to_the_last_bits_is_told_saved_and_scheduled_online(tmp_path):
+    A = np.array([[-0.2, -0.2], [-0.2, 0.1]])
+    modes, x0 = ModeSet([A, 1.01 * A]), Gaussian([1.0, 1.0], [[1.0, 0.3], [0.3, 0.5]])
+    whole = schedule(modes, x0, Constant(0))
+    for steps in range(298, 312):
+        long = schedule(modes, x0, Constant(0), steps)
+        assert long.cost == pytest.approx(whole.cost)
+        assert np.linalg.norm(long.final.cov) < 1e-307
+        assert repr(Schedule.load(long.save(tmp_path / "s.json"))) == repr(long)
+    for method in (Rollout(), PointwiseMinimum(), RecedingHorizon(3)):
+        scheduler, mean, cov = method.start(modes), np.ones(2), np.eye(2)
+        for _ in range(400):
+            chosen = modes.A[scheduler.step(mean, cov)]
+            mean, cov = chosen @ mean, chosen @ cov @ chosen.T
