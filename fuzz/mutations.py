@@ -106,10 +106,10 @@ def changed(data: bytes, most: int, seed: int, seeds: list[str], sealed: Callabl
         tree = None
     if not isinstance(tree, dict) or not tree:
         tree = json.loads(rng.choice(seeds))
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        if tree and len(json.dumps(tree)) < most:
-            mutate(tree, rng)
     try:
+        for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
+            if tree and len(json.dumps(tree)) < most:
+                mutate(tree, rng)
         text = json.dumps(tree)
         if rng.random() < 0.1:
             spots = list(re.finditer(r"(?<=[\[ ])-?\d[\d.e+-]*(?=[,\]}])", text))

@@ -103,5 +103,5 @@ def _told(value: Callable[[], str]) -> str:
     """A value for a person to read, or why there is none."""
     try:
         return value()
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
+    except (ArithmeticError, ValueError) as error:
         return f"not available: {error}"

@@ -29,6 +29,16 @@ def test_a_schedule_whose_cost_exceeds_the_range_is_a_format_error(tmp_path):
         Schedule(modes, Gaussian([1.0, 1.0], np.diag([0.01, 1.7e308])), [1] * 6).cost  # noqa: B018
 
 
+def test_a_schedule_without_a_cost_is_printed_and_saved(tmp_path):
+    """Under noise, where nobody said which cost is meant."""
+    plan = Schedule(ModeSet(A, W=0.1 * np.eye(2)), Gaussian([1.0, 1.0], 0.01 * np.eye(2)), [1] * 6)
+    with pytest.raises(ValueError, match="with noise the total cost for ever is infinite"):
+        plan.cost  # noqa: B018
+    assert "cost      not available: with noise" in repr(plan)
+    loaded = Schedule.load(plan.save(tmp_path / "s.json"))
+    assert repr(loaded) == repr(plan)
+
+
 @pytest.mark.parametrize(
     "change",
     [
