@@ -182,6 +182,8 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     if kind is Optimal and not settings:
         return replace(own, **search) if isinstance(own, Optimal) else Optimal(**search)
     if kind is FewSwitches and not settings:
+        if asked.max_switches is None and isinstance(own, FewSwitches):
+            return own
         if asked.max_switches is None:
             raise ValueError("few-switches needs --max-switches N")
         return FewSwitches(asked.max_switches)
@@ -205,6 +207,8 @@ def _rules(asked: argparse.Namespace, model: Model) -> Rules:
     """The model's own rules, and those asked for on top."""
     own = Rules() if asked.no_rules or model.rules is None else model.rules
     told = {name: getattr(asked, name) for name in ("min_dwell", "switch_cost", "max_switches")}
+    if asked.min_dwell is not None and own.time_unit == "s":
+        told["min_dwell"] = asked.min_dwell * model.modes.dk
     return replace(own, **{name: value for name, value in told.items() if value is not None})
 
 
@@ -354,8 +358,13 @@ def _save(folder: Path, comparison: Comparison, schedule: Schedule, files: list[
     files.append(schedule.save(folder / "schedule.json"))
     for name, draw in (("w2.png", comparison.plot), ("area.png", comparison.plot_area)):
         files.append(_draw(draw, folder / name))
-    if schedule.status in ("optimal", "gap reached"):
-        files += _certified(schedule, folder / "certificate.json")
+    proven = schedule.status in ("optimal", "gap reached")
+    files += _certified(schedule if proven else None, folder / "certificate.json")
+    if schedule.lower_bound is not None and not proven:
+        print(
+            f"switchctl: no certificate: the search ended before its gap was proven ({schedule.status})",
+            file=sys.stderr,
+        )
 
 
 def _draw(draw: Callable[[], Any], path: Path) -> Path:

@@ -308,6 +308,20 @@ def test_rules_at_the_shell(capsys, tmp_path):
     assert (code, "Rules(min_dwell=2, max_dwell=7)" in out) == (0, True)
     code, out, _ = run(capsys, "run", str(path), "--no-rules")
     assert (code, "Rules" in out) == (0, False)
+    for rules in ('start=("soft", 2)', 'start=("soft", 0.02), time_unit="s"'):  # steps in whatever unit the model has
+        path.write_text(PYTHON_MODEL + f"def rules(): return switchctl.Rules({rules})\n")
+        _, out, _ = run(capsys, "run", str(path), "--min-dwell", "7", "--save", str(tmp_path))
+        planned = Schedule.load(tmp_path / "schedule.json")
+        assert planned.graph.least_dwells == [7, 7]
+
+
+def test_a_models_own_few_switches_are_run(capsys, tmp_path):
+    path = tmp_path / "plant.py"
+    path.write_text(PYTHON_MODEL + "def method(): return switchctl.FewSwitches(1)\n")
+    code, out, _ = run(capsys, "run", str(path))
+    assert (code, "FewSwitches(max_switches=1)" in out) == (0, True)
+    code, out, _ = run(capsys, "run", str(path), "--method", "few-switches", "--max-switches", "2")
+    assert (code, "FewSwitches(max_switches=2)" in out) == (0, True)
     path.write_text(PYTHON_MODEL + "def rules(): return 5\n")
     for words, told in (
         (("run", "five_mode", "--method", "few-switches"), "few-switches needs --max-switches N"),
@@ -330,6 +344,11 @@ def test_the_optimum_at_the_shell(capsys, tmp_path):
     code, out, _ = run(capsys, "run", "five_mode", "--method", "optimal", "--json")
     (told,) = json.loads(out)["schedules"]
     assert 0 <= told["cost"] - told["lower_bound"] <= 1e-3 * told["cost"]
+    _, out, err = run(capsys, "run", "five_mode", "--method", "rollout", "--save", str(tmp_path))
+    assert (err, (tmp_path / "certificate.json").exists()) == ("", False)  # an older one is of another schedule
+    words = ("--method", "optimal", "--gap", "1e-12", "--time-limit", "0.01")
+    code, _, err = run(capsys, "run", "quadrotor", *words, "--save", str(tmp_path))
+    assert "no certificate: the search ended before its gap was proven (time limit)" in err
 
 
 def test_a_report_with_its_certificates(tmp_path, capsys):
