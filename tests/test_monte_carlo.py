@@ -243,8 +243,10 @@ def test_runs_that_leave_their_domain_are_counted_and_left_out_of_later_means():
     within = (found.band[0] <= found.predicted)[0] & (found.predicted <= found.band[1])[0]
     assert found.inside[0] == pytest.approx(within[found.counted[0] == 40].mean())
     assert f"{found.left[0]} runs stopped early" in repr(found)
+    assert f"% of the {np.count_nonzero(found.counted[0] == 40)} step" in repr(found)
     none = monte_carlo(result, 4, plant=plant(), domain=lambda x: -1.0)
     assert np.isnan(none.mean[0, 1:]).all()
+    assert "% of the 1 step before a run stopped" in repr(none)
     for shown in (found, none):
         shown.plot()
     plt.close("all")

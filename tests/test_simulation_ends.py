@@ -1,12 +1,14 @@
 """Runs that end before their last step: left domains, plants that fail, escapes, interruptions."""
 
+import re
+
 import control
 import numpy as np
 import pytest
 from plants import DT, linear, quadrotor_rate
 from scipy.integrate import solve_ivp
 
-from switchctl import Constant, Gaussian, Rollout, close_loops, schedule, simulate
+from switchctl import Constant, Gaussian, Rollout, close_loops, monte_carlo, schedule, simulate
 from switchctl.models import quadrotor
 
 
@@ -66,20 +68,56 @@ def interrupting():
 
 @pytest.mark.parametrize(
     ("failure", "words"),
-    [(raising, "raised ZeroDivisionError: no root"), (lambda: None, "not finite"), (interrupting, "interrupted")],
+    [
+        (raising, "stopped at (.*) s: the plant's derivative raised ZeroDivisionError: no root"),
+        (lambda: None, "left its domain at (.*) s: the plant's derivative is not finite"),
+        (interrupting, "interrupted"),
+    ],
 )
 def test_a_plant_that_fails_ends_the_run_with_what_there_is(failure, words):
     modes = close_loops(control.ss(-1, 1, 1, 0), {"off": [[0.0]]}, 0.1)
     run = simulate(root_plant(failure), modes, Constant(0), [1.0], 100)
-    assert words in run.status
+    told = re.fullmatch(words, run.status)
     # sqrt(x) + ln(1 + 2 sqrt(x)) terms: x' = -sqrt(x) - 1/2 reaches zero at 2 - ln 3
     end = 2 - np.log(3)
     if failure is not interrupting:
-        assert run.status.startswith("left its domain at ")
-        assert float(run.status.split()[4]) == pytest.approx(end, abs=1e-3)
+        assert float(told[1]) == pytest.approx(end, abs=1e-3)
     assert len(run.t) == int(end / 0.1) + 1
     assert np.isfinite(run.x).all()
     assert (run.x > 0).all()
+
+
+def mistaken(t, x, u, params):
+    return [np.sn(x[0]) + u[0]]
+
+
+def late(t, x, u, params):
+    return [x[0] - u[1] if t > 0.35 else -x[0] + u[0]]
+
+
+@pytest.mark.parametrize("dt", [0, 0.1])
+def test_what_is_written_wrongly_is_raised_and_not_taken_for_the_end_of_a_domain(dt):
+    modes = close_loops(control.ss(-1, 1, 1, 0).sample(0.1), {"off": [[0.0]]})
+    planned = schedule(modes, Gaussian([1.0], [[0.1]]), Constant(0), 10)
+    plant = control.nlsys(mistaken, inputs=1, states=1, outputs=1, dt=dt)
+    for call in (
+        lambda: simulate(plant, modes, planned, [1.0], 10),
+        lambda: monte_carlo(planned, 10, plant=plant),
+        lambda: simulate(
+            control.nlsys(lambda t, x, u, p: -x, mistaken, inputs=1, states=1, outputs=1, dt=dt),
+            *(
+                close_loops(control.ss(-1, 1, 1, 0).sample(0.1), {"out": control.ss([], [], [], 1)}),
+                Constant(0),
+                [1.0],
+                10,
+            ),
+        ),
+    ):
+        with pytest.raises(AttributeError, match="no attribute 'sn'") as error:
+            call()
+        assert "in the plant's" in error.value.__notes__[0] and "at t = 0 and x = [" in error.value.__notes__[0]
+    run = simulate(control.nlsys(late, inputs=1, states=1, outputs=1, dt=dt), modes, planned, [1.0], 10)
+    assert len(run.t) == 4 + (dt > 0) and "IndexError" in run.status  # what was computed is not lost
 
 
 def test_an_interruption_before_anything_is_not_swallowed():

@@ -101,8 +101,10 @@ class MonteCarlo(Summary):
 
     def _facts(self) -> Sequence[tuple[str, str]]:
         told = [("runs of", f"{self.plant}, simulated" if self.plant else "the modes")]
-        for label, inside, stops in zip(self.labels, self.inside, self.stops, strict=True):
-            told.append((label, f"W2 inside the {100 * self.confidence:g} % band at {100 * inside:.1f} % of steps"))
+        whole = np.count_nonzero(self.counted == self.samples, axis=1).tolist()
+        for label, inside, steps, stops in zip(self.labels, self.inside, whole, self.stops, strict=True):
+            of = f"the {steps} step{'s' * (steps > 1)} before a run stopped" if stops else "steps"
+            told.append((label, f"W2 inside the {100 * self.confidence:g} % band at {100 * inside:.1f} % of {of}"))
             if stops:
                 sample, why = stops[0]
                 told.append(("", f"{len(stops)} runs stopped early, and the mean goes on without them"))

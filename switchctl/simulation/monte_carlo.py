@@ -20,7 +20,7 @@ from switchctl.simulation.replay import lasting
 from switchctl.simulation.run import simulate
 from switchctl.simulation.surroundings import operating_point as _operating_point
 from switchctl.storage import affordable
-from switchctl.validation import number, whole_number
+from switchctl.validation import flag, number, whole_number
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -111,7 +111,7 @@ def monte_carlo(
     draw = _Draws(first, samples, seed)
     if plant is None:
         for name, value in [*settings.items(), ("executor", executor)]:
-            if value is not None and value is not False:
+            if not (value is None or (name == "delay" and not flag(value, name))):
                 raise ValueError(f"{name} is for runs of a plant; give that too")
         blocks = _linear(long, steps, draw)
     else:

@@ -13,6 +13,7 @@ from switchctl.sampling import finite_named, same_period
 from switchctl.validation import number
 
 _LEAST_RTOL = 100 * np.finfo(float).eps
+_MISTAKES = (NameError, AttributeError, TypeError, LookupError)  # of whoever wrote the function, wherever the state is
 _PATIENCE = 100  # evaluations that may fail between two samples; each makes the step five times shorter
 
 
@@ -87,7 +88,7 @@ class Plant:
             except Stopped as stopped:
                 failures, latest = failures + 1, stopped
                 if failures > _PATIENCE:
-                    raise Stopped(str(stopped), after) from None
+                    raise Stopped(str(stopped), after, stopped.what) from None
                 return np.full(len(x), np.nan)  # a shorter step may stay inside
             latest = None
             return self._shaped(value)
@@ -106,7 +107,7 @@ class Plant:
             events=None if self.domain is None else leaves,
         )
         if latest is not None:
-            raise Stopped(str(latest), found.t[-1])
+            raise Stopped(str(latest), found.t[-1], latest.what)
         if found.status == 1:
             raise Stopped("domain(x) is not positive any more", found.t[-1])
         if found.status < 0 or not np.isfinite(found.y[:, -1]).all():
@@ -127,10 +128,13 @@ def _told(what: str, function: Callable[..., Any], *arguments: Any) -> Array:
     try:
         value = function(*(np.array(argument) for argument in arguments))  # copies, which it may change
         if np.iscomplexobj(value):
-            raise TypeError("it is complex")
+            raise ValueError("it is complex")
         value = np.asarray(value, dtype=float)
+    except _MISTAKES as error:
+        error.add_note(f"in the plant's {what}, at t = {arguments[0]:g} and x = {arguments[1].tolist()}")
+        raise
     except Exception as error:
-        raise Stopped(f"the plant's {what} raised {type(error).__name__}: {error}") from None
+        raise Stopped(f"the plant's {what} raised {type(error).__name__}: {error}", what="stopped") from None
     if not np.isfinite(value).all():
         raise Stopped(f"the plant's {what} is not finite")
     return value

@@ -100,7 +100,8 @@ def simulate(
     Run
         A `control.TimeResponseData` over the samples 0 .. N. At the last one nothing is decided: inputs and index are
         those of the step before. A run that can't go on (it leaves its domain, the plant's function raises or is not
-        finite there, Ctrl-C) holds everything until then, and its ``status`` says so.
+        finite there, Ctrl-C) holds everything until then, and its ``status`` says so. What such a function raises in
+        the first period because it is written wrongly (a name that isn't there, a wrong type or index) is raised.
 
     Raises
     ------
