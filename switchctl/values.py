@@ -148,14 +148,25 @@ def require_criterion(modes: ModeSet) -> None:
         )
 
 
-def require_plain_total(modes: ModeSet, what: str) -> None:
+def require_plain_total(modes: ModeSet, what: str, instead: str = "") -> None:
     """Refuse noise, discounts and averages where only a total cost of the state alone is understood."""
     if modes.noisy or modes.offset.any() or modes.cost != "total":
         raise ValueError(
             f"{what} is for total costs without noise, and these modes have "
-            f"{'noise' if modes.noisy else 'an offset' if modes.offset.any() else f'cost={modes.cost!r}'}; "
-            "use Rollout, Refine, FewSwitches or RecedingHorizon"
+            f"{'noise' if modes.noisy else 'an offset' if modes.offset.any() else f'cost={modes.cost!r}'}{instead}"
         )
+
+
+def singular_weight(modes: ModeSet, what: str) -> ValueError:
+    """The error where stage weights must be definite: whose is the nearest to singular, and what it leaves out."""
+    least, greatest = np.linalg.eigvalsh(modes.Q).T[[0, -1]]
+    worst = int(np.divide(least, greatest, out=np.zeros_like(least), where=greatest > 0).argmin())
+    free = [name for name, row in zip(modes.states, modes.Q[worst], strict=True) if not row.any()]
+    told = f" (no weight on {', '.join(free)})" if free else ""
+    return ValueError(
+        f"{what} needs positive definite stage weights, and that of {modes.names[worst]!r} is singular{told}; give a Q "
+        f"with some weight on all {len(modes.states)} states"
+    )
 
 
 def refuse_average(modes: ModeSet, what: str) -> None:

@@ -14,7 +14,7 @@ from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.search import Search
 from switchctl.result import Schedule
 from switchctl.validation import number, whole_number
-from switchctl.values import require_plain_total, switched, word_value
+from switchctl.values import require_plain_total, singular_weight, switched, word_value
 
 _LARGEST = 20_000  # nodes and choices of a graph
 _FIRST = 0.5
@@ -70,7 +70,7 @@ class _Writer:
         if search is None:
             raise ValueError("no way on of finite cost was found from the start, and a certificate begins with one")
         if not search.lower.definite:
-            raise ValueError("a certificate needs positive definite stage weights, and one of these is singular")
+            raise singular_weight(graph.modes, "a certificate")
         self.search, self.lower = search, search.lower
         dk = graph.modes.dk
         if schedule.cost / dk < self.search.cost:

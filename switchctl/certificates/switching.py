@@ -15,7 +15,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, transform
 from switchctl.stability import PolicyStability, SwitchingHelp
 from switchctl.stability.falling import largest_share
-from switchctl.values import require_plain_total
+from switchctl.values import require_plain_total, singular_weight
 
 _STEPS = 10_000  # of a mode held, added up by the checker
 
@@ -111,7 +111,7 @@ def rollout(found: PolicyStability) -> Certificate:
             "activation. Certify what stability rests on: schur_stability(modes)[i], word_stability(modes, word)"
         )
     if not all(np.linalg.eigvalsh(Q)[0] > 0 for Q in modes.Q):
-        raise ValueError("a certificate of rollout needs positive definite stage weights, and one of these is singular")
+        raise singular_weight(modes, "a certificate of rollout")
     finite = [p for p, P in enumerate(modes.tails) if P is not None]
     for slack in SHARES[1:]:
         P = np.array([modes.tails[p] for p in finite]) * (1 + slack)

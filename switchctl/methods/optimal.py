@@ -24,7 +24,7 @@ from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search
 from switchctl.rules import Rules
 from switchctl.validation import number, whole_number
-from switchctl.values import require_plain_total
+from switchctl.values import require_plain_total, singular_weight
 
 OPTIMAL = 1e-9
 """A proven gap of at most this fraction of the cost is called optimal."""
@@ -33,6 +33,7 @@ _FIRST = 0.5
 _HARD = 5000  # moments in a rung from which on local search comes first
 _UNROLLED = 3000
 _CHOICES = 200
+_INSTEAD = "; use Rollout, Refine, FewSwitches or RecedingHorizon"
 _SLOWEST = 1.1
 _STEEP = 1.2  # a rung whose tolerance is less by more than this factor is left ..
 _MANY = 1_000_000  # .. after so many moments and 8 times those of the last, for one between
@@ -132,7 +133,7 @@ class Optimal(Method):
 
     def start(self, graph: SwitchingGraph | ModeSet) -> Scheduler:  # noqa: D102
         graph = as_graph(graph)
-        require_plain_total(graph.modes, "Optimal")
+        require_plain_total(graph.modes, "Optimal", _INSTEAD)
         return _OptimalScheduler(graph, self)
 
     def policy(self, modes: ModeSet, rules: Rules | SwitchingGraph | None = None, quadratics: int = 100) -> Policy:
@@ -164,14 +165,13 @@ class Optimal(Method):
         """
         quadratics = whole_number(quadratics, "quadratics")
         graph = graph_under(modes, rules)
-        require_plain_total(modes, "a policy")
+        require_plain_total(modes, "a policy", _INSTEAD)
         decisions = Decisions(graph)
         if not decisions.reachable(_CHOICES):
             raise ValueError(f"{graph.rules!r} needs more than {_CHOICES} nodes with a choice, too many for a policy")
         weights = np.linalg.eigvalsh(modes.Q)
         if (weights[:, 0] <= 1e-10 * weights[:, -1]).any():
-            singular = modes.names[int((weights[:, 0] <= 1e-10 * weights[:, -1]).argmax())]
-            raise ValueError(f"a policy needs positive definite stage weights, and that of {singular!r} is singular")
+            raise singular_weight(modes, "a policy")
         values = RelaxedValues(decisions)
         if any(len(known.P) == 0 for known in values.values.values()):
             raise ValueError("a policy starts from ways on of finite cost, and at some node of the graph none is known")
