@@ -234,7 +234,9 @@ def compare(
     if not labelled:
         raise ValueError("methods is empty; give at least one method")
     if len(labelled) < len(pairs):
-        raise ValueError("methods holds two that read the same; give a dict with a label for each")
+        labels = [label for label, _ in pairs]
+        twice = next(label for label in labelled if labels.count(label) > 1)
+        raise ValueError(f"methods holds two that read {twice}; give a dict with a label for each")
     x0 = initial_state(modes, x0)
     for label in labelled:
         if not isinstance(label, str):

@@ -168,7 +168,7 @@ class _Steps:
 
     def whole(self, time: float, name: str) -> int:
         steps = self.count(time)
-        if steps != int(steps):
+        if steps != int(steps) or (steps == 0 and time > 0):
             raise ValueError(f"{name} is {time:g} s; expected a multiple of the sampling period, {self.dt:g} s")
         return int(steps)
 

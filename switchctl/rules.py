@@ -181,7 +181,7 @@ class Rules(_Record):
             if not isinstance(self.budget, Budget):
                 raise TypeError(f"budget must be a Budget(use=.., limit=..), not {self.budget!r}")
             if self.budget.window is not None and self.time_unit == "step":
-                window = whole_number(self.budget.window, "the budget's window")
+                window = self._time(self.budget.window, "the budget's window")
                 values["budget"] = replace(self.budget, window=window)
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -194,6 +194,8 @@ class Rules(_Record):
         if endless and isinstance(value, float) and value == math.inf:
             return value
         if self.time_unit == "step":
+            if isinstance(value, float) and 0 < value < math.inf and value % 1:
+                raise ValueError(f"{name} is {value!r}; expected a whole number of steps, or seconds and time_unit='s'")
             return whole_number(value, name, least)
         seconds = number(value, name)
         if not 0 <= seconds < math.inf or (seconds == 0 and least > 0):

@@ -15,7 +15,8 @@ from switchctl.validation import shown, symmetric
 def require_method(method: Any) -> None:
     """Refuse what is no `Method`."""
     if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {shown(method)}")
+        made = "; make one of the class: add its settings in ()" if isinstance(method, type) else ""
+        raise TypeError(f"method must be a Method such as RecedingHorizon(horizon=50), not {shown(method)}{made}")
 
 
 def started(method: Method, graph: SwitchingGraph) -> Scheduler:

@@ -41,7 +41,7 @@ ROWS = [
         ("methods: none", {"methods": []}, ValueError, "methods is empty"),
         ("methods: the class", {"methods": [Rollout]}, TypeError, "method must be a Method"),
         ("methods: without an end", {"methods": lambda: (Rollout() for _ in count())}, ValueError, "more than 1,000"),
-        ("methods: twice the same", {"methods": [Rollout(), Rollout()]}, ValueError, "two that read the same"),
+        ("methods: twice the same", {"methods": [Rollout(), Rollout()]}, ValueError, "two that read Rollout()"),
         ("methods: a mode's name", {"methods": {"calm": Rollout()}}, ValueError, "'calm'", "another label"),
         ("methods: a number for a label", {"methods": {1: Rollout()}}, TypeError, "labels are strings"),
         ("steps: 0", {"steps": 0}, ValueError, "steps is 0"),

@@ -83,6 +83,12 @@ ROWS = [
         ("allowed_period: alone", {"allowed_period": 3}, ValueError, "without allowed"),
         ("time_unit: unknown", {"time_unit": "ms"}, ValueError, "time_unit is 'ms'; expected 'step' or 's'"),
         ("time_unit: None", {"time_unit": None}, ValueError, "time_unit is None"),
+        (
+            "min_dwell: seconds",
+            {"min_dwell": 0.05},
+            ValueError,
+            "a whole number of steps, or seconds and time_unit='s'",
+        ),
         ("an unknown rule", {"dwell": 3}, TypeError, "dwell"),
     ),
     *same(
@@ -138,6 +144,18 @@ ROWS = [
             ValueError,
             "1e+300 s is more than 9007199254740992 steps of 0.1 s",
         ),
+        *[
+            (
+                f"{name} much shorter than a step",
+                {**rule, "time_unit": "s"},
+                ValueError,
+                f"{name} is 1e-12 s; expected a",
+            )
+            for name, rule in (
+                ("allowed_period", {"allowed": {"fast": []}, "allowed_period": 1e-12}),
+                ("the age in start", {"start": ("fast", 1e-12)}),
+            )
+        ],
         ("a dwell shorter than a step", {"max_dwell": 0.01, "time_unit": "s"}, ValueError, "shorter than a step"),
     ),
     *refused(

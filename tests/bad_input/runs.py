@@ -228,4 +228,8 @@ ROWS = [
     ),
     *refused("monte_carlo", monte_carlo, lambda: {"schedules": PLAN, "samples": 4}, *SCHEDULES, *SEEDS_AND_STEPS),
     *refused("monte_carlo", monte_carlo, lambda: {"schedules": PLAN, "samples": 4, "plant": PLANT}, *PLANTS),
+    *refused("monte_carlo", monte_carlo, lambda: {"schedules": PLAN, "samples": 4}, *[
+        (f"{name}: False without a plant", {name: False}, ValueError, f"{name} is for runs of a plant")
+        for name in ("noise", "saturation", "operating_point", "domain", "executor")
+    ]),
 ]  # fmt: skip
