@@ -16,6 +16,7 @@ from itertools import chain, cycle, islice
 from time import perf_counter
 
 import numpy as np
+from tqdm import tqdm
 
 from switchctl import Budget, ModeSet, Optimal, PointwiseMinimum, RecedingHorizon, Rollout, Rules, SwitchingGraph
 from switchctl.continuation import Continuations
@@ -182,9 +183,11 @@ def run(name: str, steps: int, checks: int = 20, early: int | None = None) -> di
 
 def main(words: list[str]) -> None:
     """Print one row a method."""
-    steps = int(words[0]) if words else 1_000_000
+    steps, names = int(words[0]) if words else 100_000, words[1:] or list(METHODS)
+    if unknown := set(names) - METHODS.keys():
+        sys.exit(f"no method {min(unknown)}; expected {', '.join(METHODS)}")
     rows = []
-    for name in words[1:] or METHODS:
+    for name in tqdm(names, "methods", leave=False):
         found = run(name, steps)
         (blocks, objects, peak), (later_blocks, later_objects, later_peak) = found["held"]
         rows.append(

@@ -253,7 +253,8 @@ def _tell(comparison: Comparison, schedule: Schedule, saved: list[Path], as_json
     print(comparison)
     print(f"\n{schedule!r}")
     if np.isfinite(best) and best > 0:
-        print(f"\ngain over the best single mode: {1 - schedule.cost / best:.2%}".replace("%", " %"))
+        gain = round(100 * (1 - schedule.cost / best), 2) + 0.0  # no -0.00
+        print(f"\ngain over the best single mode: {gain:.2f} %")
     for path in saved:
         print(f"saved {path}")
 

@@ -88,7 +88,7 @@ def _budget(schedule: "Schedule") -> str:
 
 def _search(schedule: "Schedule") -> str:
     counts = {name: value for name, value in schedule.statistics.items() if "seconds" not in name}
-    return ", ".join(f"{name} {value:.6g}" for name, value in counts.items())
+    return ", ".join(f"{name} {value if isinstance(value, int) else f'{value:.6g}'}" for name, value in counts.items())
 
 
 def _lengthened(schedule: "Schedule") -> str:

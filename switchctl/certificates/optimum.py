@@ -29,7 +29,10 @@ def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) ->
         raise ValueError(f"gap = {gap}, time_limit = {time_limit}; expected 0 < gap < 1 and seconds above 0")
     require_plain_total(schedule.modes, "a certificate")
     if schedule.modes.activation is not None:
-        raise ValueError("a certificate is for modes whose switches leave the state as it is (no ModeSet.activation)")
+        raise ValueError(
+            "a certificate is for modes whose switches leave the state as it is (no ModeSet.activation, which "
+            "inactive='reset' makes)"
+        )
     if schedule.target is not None:
         raise ValueError("a certificate is of total costs, and this schedule's is a distance to a target")
     if not np.isfinite(schedule.cost):

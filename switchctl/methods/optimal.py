@@ -160,8 +160,8 @@ class Optimal(Method):
         Raises
         ------
         ValueError
-            If there is noise or a discount, a stage weight is singular, the graph has more than 200 nodes with a
-            choice, or no way on of finite cost is known at one of them.
+            If there is noise or a discount, a stage weight is singular, a switch loses some of the state, the graph
+            has more than 200 nodes with a choice, or no way on of finite cost is known at one of them.
         """
         quadratics = whole_number(quadratics, "quadratics")
         graph = graph_under(modes, rules)
@@ -169,9 +169,16 @@ class Optimal(Method):
         decisions = Decisions(graph)
         if not decisions.reachable(_CHOICES):
             raise ValueError(f"{graph.rules!r} needs more than {_CHOICES} nodes with a choice, too many for a policy")
-        weights = np.linalg.eigvalsh(modes.Q)
-        if (weights[:, 0] <= 1e-10 * weights[:, -1]).any():
+        weights = np.linalg.eigvalsh(modes.Q_after)
+        singular = weights[..., 0] <= 1e-10 * weights[..., -1]
+        if singular.diagonal().any():
             raise singular_weight(modes, "a policy")
+        if singular.any():
+            i, j = (modes.names[k] for k in np.argwhere(singular)[0])
+            raise ValueError(
+                f"a policy is for switches that keep the whole state, and that from {i!r} to {j!r} loses some of it "
+                "(ModeSet.activation); inactive='track', 'hold' or 'run' keeps it"
+            )
         values = RelaxedValues(decisions)
         if any(len(known.P) == 0 for known in values.values.values()):
             raise ValueError("a policy starts from ways on of finite cost, and at some node of the graph none is known")

@@ -171,7 +171,8 @@ def _dwell(report: "Report") -> _Block:
     if report.average_dwell_time is not None:
         average = report.average_dwell_time
         unstable = f"; with {average.lower:.4g} a signal is not stable" if average.word else ""
-        facts.append(("on average", _long(modes.dt, average.upper) + unstable))
+        enough = _long(modes.dt, average.upper) if average.upper > 1 else "any number of switches"
+        facts.append(("on average", enough + unstable))
     reasons: dict[str, list[str]] = {}
     for name, key in (
         ("dwell_time", "all modes alike"),

@@ -23,6 +23,7 @@ from switchctl import (
     schedule,
 )
 
+RESET = ModeSet([0.5 * np.eye(2)] * 2, activation=[[np.eye(2), np.diag([1.0, 0.0])], [np.eye(2)] * 2])
 UNSTABLE = ModeSet([[[2.0]], [[3.0]]])
 NOISY = ModeSet([[[0.5]], [[0.6]]], W=[[1.0]])
 STARTED = {
@@ -219,6 +220,7 @@ ROWS = [
         ("rules of other modes", {"rules": SwitchingGraph(modes())}, ValueError, "SwitchingGraph of other modes"),
         ("noise", {"modes": NOISY}, ValueError, "a policy is for total costs without noise"),
         ("a singular weight", {"modes": ModeSet([0.5 * np.eye(2)], Q=np.diag([1.0, 0.0]))}, ValueError, "'A0'"),
+        ("a switch that loses some of the state", {"modes": RESET}, ValueError, "from 'A0' to 'A1' loses some of it"),
         ("no Schur mode", {"modes": UNSTABLE}, ValueError, "finite cost"),
     ),
     *same(
