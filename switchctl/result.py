@@ -366,7 +366,7 @@ class Schedule:
         try:
             schedule = cls(*read_schedule(document))
             stored = document["cost"]
-            if stored is not None and not np.isclose(schedule.cost, stored, rtol=1e-6, atol=0):
+            if stored is not None and not np.isclose(schedule.cost, number(stored, "cost"), rtol=1e-6, atol=0):
                 raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
         except (LookupError, TypeError, ValueError, ArithmeticError) as error:
             raise FormatError(f"{path} is a damaged schedule: {error}") from None
