@@ -333,7 +333,8 @@ class Scheduler(ABC):
             mean = np.append(mean, mean[:p])
         if mean.shape != (n,):
             less = f", or ({n - e},) without the estimate" if e else ""
-            raise ControlDimension(f"mean has shape {mean.shape}; expected ({n},){less}")
+            all_of = f": of the controllers' states too, {', '.join(self.modes.states[p:])}" if p < n else ""
+            raise ControlDimension(f"mean has shape {mean.shape}; expected ({n},){less}{all_of}")
         whole = np.zeros((n, n))
         if cov is not None:
             cov = real_array(cov, "cov")
