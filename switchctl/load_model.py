@@ -136,7 +136,9 @@ def _from_matrices(content: dict[str, Any], name: str) -> Model:
     if "A" not in content:
         raise FormatError(f"{name} holds no A, the matrices of the modes; it holds {', '.join(content) or 'nothing'}")
     if unknown := set(content) - KNOWN:
-        raise FormatError(f"{name} holds {sorted(unknown)[0]!r}; expected only {', '.join(sorted(KNOWN))}")
+        kind, first = content.get("format"), min(unknown)
+        what = f"is a {kind}, no model" if isinstance(kind, str) and len(kind) < 40 else f"holds {first!r}"
+        raise FormatError(f"{name} {what}; expected only {', '.join(sorted(KNOWN))}")
     told = content["A"], content.get("names"), content.get("dt", True)
     modes = _held(name, ModeSet, *told, Q=content.get("Q"), states=content.get("states"))
     if "cov" in content and "mean" not in content:

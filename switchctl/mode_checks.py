@@ -20,7 +20,12 @@ def stack(matrices: Any) -> Array:
     elif not isinstance(matrices, Iterable) or isinstance(matrices, str | Mapping):
         raise TypeError(f"matrices must be the A_i, shape (m, n, n); got a {type(matrices).__name__}")
     else:
-        each = [real_array(matrix, f"matrices[{i}]", (None, None)) for i, matrix in enumerate(matrices)]
+        each = [real_array(matrix, f"matrices[{i}]") for i, matrix in enumerate(matrices)]
+        for i, matrix in enumerate(each):
+            if matrix.ndim != 2:
+                raise ControlDimension(
+                    f"matrices[{i}] has shape {matrix.shape}; expected an A_i, n by n, in a list with one for each mode"
+                )
         shapes = {matrix.shape for matrix in each}
         if len(shapes) > 1:
             raise ControlDimension(f"matrices have shapes {sorted(shapes)}; expected one n by n for all modes")

@@ -315,6 +315,12 @@ def test_rules_at_the_shell(capsys, tmp_path):
         assert planned.graph.least_dwells == [7, 7]
 
 
+def test_a_schedule_is_no_model(capsys, tmp_path):
+    run(capsys, "run", "five_mode", "--save", str(tmp_path))
+    code, _, err = run(capsys, "run", str(tmp_path / "schedule.json"))
+    assert (code, "is a switchctl schedule, no model; expected only A" in err) == (2, True), err
+
+
 def test_a_models_own_few_switches_are_run(capsys, tmp_path):
     path = tmp_path / "plant.py"
     path.write_text(PYTHON_MODEL + "def method(): return switchctl.FewSwitches(1)\n")
