@@ -84,7 +84,10 @@ def positive_semidefinite(array: Array, name: str) -> Array:
     greatest = _greatest_linked(array)
     scale = np.where(greatest > 0, np.maximum(greatest, _TINY), 1.0)
     eigenvalues, vectors = np.linalg.eigh(array / scale[..., None])
-    least, place = eigenvalues[..., 0], np.abs(vectors[..., 0]).argmax(axis=-1)[..., None]
+    least = eigenvalues[..., 0]
+    if (least >= 0).all():
+        return array
+    place = np.abs(vectors[..., 0]).argmax(axis=-1)[..., None]
     share = np.take_along_axis(np.minimum(greatest, _TINY) / _TINY, place, -1)[..., 0]
     if (least < -1e-12 * share * np.abs(eigenvalues).max(axis=-1, initial=1.0) - _lost(array) / _TINY).any():
         index = np.unravel_index(least.argmin(), least.shape)
