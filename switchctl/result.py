@@ -368,7 +368,7 @@ class Schedule:
             stored = document["cost"]
             if stored is not None and not np.isclose(schedule.cost, number(stored, "cost"), rtol=1e-6, atol=0):
                 raise ValueError(f"it states the cost {stored}, its sequence costs {schedule.cost}")
-        except (LookupError, TypeError, ValueError, ArithmeticError) as error:
+        except (LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
             raise FormatError(f"{path} is a damaged schedule: {error}") from None
         return schedule
 
