@@ -39,26 +39,40 @@ def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) ->
         raise ValueError("the schedule's cost is infinite, so there is nothing to prove of it")
     if schedule.cost == 0:
         raise ValueError("the schedule costs nothing, and none costs less, so there is nothing to prove of it")
-    writer, deadline = _Writer(schedule), time.perf_counter() + time_limit
-    data, fixed = writer.data(), writer.run()
+    writer = _Writer(schedule)
+    data, run = writer.data(), writer.run()
     problem = check.Problem(data)
-    upper, lower, witness, lost = float(check.proven_upper(problem, fixed)), -math.inf, fixed, 0.0
+    upper = float(check.proven_upper(problem, run))
+    lower, witness = _proven_lower(writer, problem, upper, gap, prefixes, time.perf_counter() + time_limit)
+    claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
+    return Certificate.of("optimum", data, claim, run | witness)
+
+
+def _proven_lower(
+    writer: "_Writer", problem: check.Problem, upper: float, gap: float, prefixes: int, deadline: float
+) -> tuple[float, dict[str, Any]]:
+    """A lower bound that the checker finds proven, within the gap of the upper one where it can be, and its proof.
+
+    The search knows gaps to the least cost that it has found, which may be below the schedule's, and falls meanwhile;
+    and exact arithmetic takes a little from its bounds. So it is asked again for what is lacking.
+    """
+    wanted, lower, lost = (1 - gap) * upper, -math.inf, 0.0
+    witness: dict[str, Any] = {}
     tree: list[int] = []
     for _ in range(_TRIES):
         known, before = writer.cost, tree
-        aim = 1 - (1 - gap) * upper / known - lost  # a fraction of the least cost known, not of the schedule's
-        tree = writer.grow(aim if 0 < aim < 1 else gap, prefixes, deadline)
+        aim = 1 - wanted / known - lost
+        tree = writer.grow(aim if aim > 0 else gap, prefixes, deadline)
         if tree == before and writer.cost == known:
             break
-        tried = fixed | {"tree": tree} | writer.bounds()
+        tried = {"tree": tree} | writer.bounds()
         proven = float(check.proven_lower(problem, tried))
         if proven > lower:
-            lower, witness = proven, tried  # the claim is what the checker finds proven, rounded outward
-        if lower >= (1 - gap) * upper:
+            lower, witness = proven, tried
+        if lower >= wanted:
             break
-        lost += 1.5 * max(1 - aim - proven / writer.cost, 0.0)  # by rounding
-    claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
-    return Certificate.of("optimum", data, claim, witness)
+        lost += 1.5 * max(1 - aim - proven / writer.cost, 0.0)
+    return lower, witness
 
 
 class _Writer:
