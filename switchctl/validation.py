@@ -87,11 +87,11 @@ def positive_semidefinite(array: Array, name: str) -> Array:
     least = eigenvalues[..., 0]
     if (least >= 0).all():
         return array
-    place = np.abs(vectors[..., 0]).argmax(axis=-1)[..., None]
-    share = np.take_along_axis(np.minimum(greatest, _TINY) / _TINY, place, -1)[..., 0]
+    weight = vectors[..., 0] ** 2
+    share = np.sum(weight * np.where(greatest > 0, np.minimum(greatest, _TINY) / _TINY, 1.0), axis=-1)
     if (least < -1e-12 * share * np.abs(eigenvalues).max(axis=-1, initial=1.0) - _lost(array) / _TINY).any():
         index = np.unravel_index(least.argmin(), least.shape)
-        worst = float(least[index] * scale[index][place[index][0]])
+        worst = float(least[index] * scale[index][weight[index].argmax()])
         where = _member(name, tuple(int(i) for i in index))
         raise ValueError(f"{where} is not positive semidefinite: its least eigenvalue is {worst:.6g}; it must be >= 0")
     return array

@@ -159,6 +159,19 @@ def test_covariances_that_underflow_are_not_refused(n):
             Gaussian(np.zeros(n), cov)
 
 
+def test_covariances_of_low_rank_beside_states_without_variance_are_taken():
+    """The least eigenvalue is rounding, and its eigenvector any in the null space."""
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        known, rank, none = rng.integers(1, 5), rng.integers(1, 3), rng.integers(1, 3)
+        F = np.concatenate([rng.standard_normal((known, rank)) * 10.0 ** rng.integers(-150, 150), np.zeros((none, rank))])
+        F = F[rng.permutation(len(F))]
+        Gaussian(np.zeros(len(F)), F @ F.T)
+    for a in range(1, 40):
+        for b in range(1, 40):
+            Gaussian(np.zeros(3), np.outer([a / 10, 0.0, b / 10], [a / 10, 0.0, b / 10]))
+
+
 @pytest.mark.parametrize("least", [1.0, 1e-300, 1e-310, 1e-320])
 def test_however_small_an_indefinite_covariance_is_refused(least):
     for cov in ([[-least]], np.diag([1.0, -least]), [[least, 2 * least], [2 * least, least]]):
