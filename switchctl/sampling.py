@@ -178,11 +178,12 @@ def sampled_noise(A: Array, W: Array, period: float) -> Array:
     if not np.isfinite(size):
         return np.full_like(W, np.inf)
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300)))))
-    whole = np.block([[-A, W], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
+    unit = 2.0 ** np.frexp(np.abs(W).max())[1]
+    whole = np.block([[-A, W / unit], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
     both = expm(whole)
     step = both[n:, n:].T
     covariance = step @ both[:n, n:]
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(halvings):
             covariance, step = covariance + step @ covariance @ step.T, step @ step
-    return (covariance + covariance.T) / 2
+        return (covariance + covariance.T) / 2 * unit

@@ -314,3 +314,13 @@ def test_a_run_against_the_moves_is_rejected(pair, x0):
     lead = document["witness"]["lead"]
     with pytest.raises(Rejected, match="a move that is not there"):
         check({**document, "witness": {**document["witness"], "lead": [1 - lead[0], *lead[:1], *lead[2:]]}})
+
+
+@pytest.mark.parametrize("unit", [2.0**-110, 2.0**-120, 2.0**-190])
+def test_what_exact_arithmetic_cannot_prove_is_a_value_error(unit):
+    modes = ModeSet([[[-0.75]]], Q=[[unit]])
+    found = schedule(modes, Gaussian([1.0], [[0.0]]), Optimal(gap=0.1), steps=4, terminal=[[unit]])
+    try:
+        certify(found, 0.5).check()
+    except ValueError as error:
+        assert "exact arithmetic" in str(error)

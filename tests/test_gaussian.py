@@ -164,7 +164,9 @@ def test_covariances_of_low_rank_beside_states_without_variance_are_taken():
     rng = np.random.default_rng(0)
     for _ in range(2000):
         known, rank, none = rng.integers(1, 5), rng.integers(1, 3), rng.integers(1, 3)
-        F = np.concatenate([rng.standard_normal((known, rank)) * 10.0 ** rng.integers(-150, 150), np.zeros((none, rank))])
+        F = np.concatenate(
+            [rng.standard_normal((known, rank)) * 10.0 ** rng.integers(-150, 150), np.zeros((none, rank))]
+        )
         F = F[rng.permutation(len(F))]
         Gaussian(np.zeros(len(F)), F @ F.T)
     for a in range(1, 40):

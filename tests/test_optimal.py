@@ -446,3 +446,10 @@ def test_what_must_be_paid_in_constants_is_the_least_of_all_runs():
     decisions = Decisions(SwitchingGraph(modes, for_ever))
     assert decisions.constants[0] == pytest.approx(0.7, rel=1e-9)
     assert decisions.constants[0] <= 0.7
+
+
+@pytest.mark.parametrize("Q", [np.diag([1.0, 0.0]), np.zeros((2, 2))])
+def test_one_mode_whose_weight_does_not_see_every_state(Q):
+    found = schedule(ModeSet([np.diag([0.5, 0.8])], Q=Q), Gaussian([1.0, 1.0], np.eye(2)), Optimal(gap=0.1))
+    assert found.status in ("optimal", "gap reached")
+    assert found.cost == pytest.approx(2 / 0.75 if Q.any() else 0.0)

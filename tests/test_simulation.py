@@ -337,3 +337,14 @@ def test_a_system_of_systems_is_a_plant():
     modes = dynamic(linear())
     run = simulate(plant, modes, Constant(0), [1, 0], 20)
     np.testing.assert_allclose(run.x, simulate(linear(), modes, Constant(0), [1, 0], 20).x, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-12, 1e-100, 1e6])
+def test_the_unit_of_the_state_changes_nothing(unit):
+    """By default the tolerance is of the state at the start."""
+    plant = control.ss([[0, 1], [-400, -1]], [[0], [1]], np.eye(2), 0)
+    modes = close_loops(plant, [[[1.0, 1.7]]], DT)
+    run, x = simulate(plant, modes, Constant(0), [unit, 2 * unit], 30), np.array([1.0, 2.0])
+    for _ in range(30):
+        x = modes.A[0] @ x
+    np.testing.assert_allclose(run.x[:, -1] / unit, x, atol=1e-6)

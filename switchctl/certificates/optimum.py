@@ -42,8 +42,14 @@ def optimum(schedule: Schedule, gap: float, prefixes: int, time_limit: float) ->
     writer = _Writer(schedule)
     data, run = writer.data(), writer.run()
     problem = check.Problem(data)
-    upper = float(check.proven_upper(problem, run))
-    lower, witness = _proven_lower(writer, problem, upper, gap, prefixes, time.perf_counter() + time_limit)
+    deadline = time.perf_counter() + time_limit
+    try:
+        upper = float(check.proven_upper(problem, run))
+        lower, witness = _proven_lower(writer, problem, upper, gap, prefixes, deadline)
+    except check.Rejected as error:
+        raise ValueError(
+            f"the bounds can't be proven in exact arithmetic ({error}); weigh the cost in another unit"
+        ) from None
     claim = {"lower": math.nextafter(lower, -math.inf).hex(), "upper": math.nextafter(upper, math.inf).hex()}
     return Certificate.of("optimum", data, claim, run | witness)
 

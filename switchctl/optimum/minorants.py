@@ -58,7 +58,9 @@ def definite_minorant(A: Array, Q: Array) -> Array | None:
         Every run costs at least ``tr(M S)``, and more steps than any number of windows cost are left with nothing.
     """
     each = [np.zeros_like(A[0])]
-    while len(each) * len(A) <= _WORDS:
+    for _ in range(_WORDS):  # one mode has one word of each length
+        if len(each) * len(A) > _WORDS:
+            break
         each = [below(Q[i], A[i], L) for i in range(len(A)) for L in each]
         mean = np.mean(each, axis=0)
         if not (np.isfinite(mean).all() and (np.diag(mean) > 0).all()):

@@ -25,6 +25,8 @@ from switchctl.simulation.surroundings import OperatingPoint, generator, limits,
 from switchctl.simulation.surroundings import operating_point as _operating_point
 from switchctl.validation import flag, whole_number
 
+_ATOL = 1e-10
+
 
 def simulate(
     plant: Any,
@@ -41,7 +43,7 @@ def simulate(
     domain: Callable[[Array], float] | None = None,
     seed: Any = 0,
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | None = None,
 ) -> Run:
     """Run a plant, nonlinear or not, under the switched digital controllers of its loops.
 
@@ -93,7 +95,8 @@ def simulate(
     seed : int, optional
         Of the initial state and the noise.
     rtol, atol : float, optional
-        Relative and absolute tolerance of the integration.
+        Relative and absolute tolerance of the integration. By default the absolute one is 1e-10 times the greatest
+        state at the start, or 1e-10 where that is zero or above 1.
 
     Returns
     -------
@@ -128,7 +131,7 @@ def simulate(
     """
     loops = digital(modes)
     steps, random = whole_number(steps, "steps"), generator(seed)
-    held = Plant(plant, loops, domain, rtol, atol)
+    held = Plant(plant, loops, domain, rtol, _ATOL if atol is None else atol)
     q, p = held.system.ninputs, held.system.noutputs
     reference = _operating_point(operating_point, loops.plant_states, q, steps)
     _check_operating_point(held, reference, limits(saturation, q), operating_point is not None)
@@ -136,6 +139,8 @@ def simulate(
     root = noise_root(loops.measurement_noise if own else None if noise is False else noise, loops)
     disturbed = [factor(W) for W in loops.process_noise] if own and loops.process_noise is not None else None
     x, zeta = start(x0, loops, reference.at(0)[0], random)
+    if atol is None:
+        held.atol *= min(1.0, float(np.abs(x).max()) or 1.0)
     computer = Computer(
         held,
         loops,
