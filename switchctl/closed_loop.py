@@ -174,9 +174,9 @@ def close_loops(
     V : array_like, shape (outputs, outputs), optional
         Covariance of the measurement noise of a sample of y; none by default.
     estimator : "kalman" or array_like, shape (n, outputs), optional
-        An estimator of the plant's state, for the controllers that are fed by it: the steady Kalman filter
-        (`control.dlqe`), or one with this gain, ``xe+ = A xe + B u + L (y - C xe - D u)``. Its estimate joins the
-        state of the modes, so moments and costs know what it does. By default the state is measured.
+        An estimator of the plant's state, for the controllers that are fed by it: the steady Kalman filter (as
+        `control.dlqe`, in whatever units), or one with this gain, ``xe+ = A xe + B u + L (y - C xe - D u)``. Its
+        estimate joins the state of the modes, so moments and costs know what it does. By default the state is measured.
     cost : "total", ("discounted", factor) or "average", optional
         What a cost for ever is, as for `ModeSet`. With noise the total is infinite, and a choice is asked for.
 
