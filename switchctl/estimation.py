@@ -4,6 +4,7 @@ from typing import Any
 
 import control
 import numpy as np
+from scipy.linalg import matrix_balance, solve_discrete_are
 
 from switchctl.gramians import tail
 from switchctl.moments import Array
@@ -45,7 +46,7 @@ def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | 
             raise ValueError("estimator='kalman' needs V, the covariance of the measurement noise, positive definite")
         try:
             L = _kalman_gain(plant.A, plant.C, W[0], V)
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:  # ArithmeticError: of slycot
+        except (ValueError, ArithmeticError) as error:
             raise ValueError(
                 f"no Kalman gain was found ({' '.join(str(error).split())}); the plant may have an unstable state that "
                 "its output doesn't show, or one on the unit circle that no noise moves (give W)"
@@ -62,27 +63,34 @@ def filter_gain(plant: control.StateSpace, estimator: Any, W: Array, V: Array | 
 
 
 def _kalman_gain(A: Array, C: Array, W: Array, V: Array) -> Array:
-    """The steady gain, in units in which V has a diagonal of 1 and C the norm 1.
+    """The steady gain, computed where A is balanced, V has a diagonal of 1 and C the norm 1.
 
-    python-control's is sure in such units only. It is improved by Hewer's iteration (IEEE Transactions on Automatic
-    Control 16, 1971), which converges from any stable gain and shows that it has: L is the best one for the error that
-    it leaves itself.
+    SciPy's solution of the Riccati equation is sure in such units only. The gain is improved by Hewer's iteration (IEEE
+    Transactions on Automatic Control 16, 1971), which converges from any stable one and shows that it has: it is the
+    best for the error that it leaves itself.
     """
-    outputs = np.sqrt(np.diag(V))
-    state = 1 / (float(np.linalg.norm(C / outputs[:, None])) or 1.0)
-    C, W, V = C / outputs[:, None] * state, W / state / state, V / outputs / outputs[:, None]
+    outputs, states = np.sqrt(np.diag(V)), matrix_balance(A, permute=False, separate=True)[1][0]
+    states = states / (float(np.linalg.norm(C * states / outputs[:, None])) or 1.0)
+    A, C = A * states / states[:, None], C * states / outputs[:, None]
+    W, V = W / states / states[:, None], V / outputs / outputs[:, None]
     start = W / (float(np.abs(W).max()) or 1.0)  # any noise that reaches as far gives a stable gain
-    L = np.asarray(control.dlqe(A, np.eye(len(A)), C, start, V)[0], dtype=float)
+    L = _best(A, C, np.asarray(solve_discrete_are(A.T, C.T, start, V)), V)
     for _ in range(_ROUNDS):
         P = tail((A - L @ C).T, W + L @ V @ L.T)
         if P is None:
-            break  # the caller says so
-        last, L = L, np.linalg.solve(C @ P @ C.T + V, C @ P @ A.T).T
-        if np.linalg.norm(L - last) <= 1e-9 * np.linalg.norm(L):
+            break  # not stable: the caller says so
+        last, L = L, _best(A, C, P, V)
+        unit = np.sqrt(np.diag(P))[:, None] + np.finfo(float).tiny
+        if (np.abs(L - last) / unit).max() <= 1e-9 * (np.abs(L) / unit).max():
             break
     else:
         raise ArithmeticError("rounding hides it")
-    return L * state / outputs
+    return L * states[:, None] / outputs
+
+
+def _best(A: Array, C: Array, P: Array, V: Array) -> Array:
+    """The gain that is best for the next step, where the error has the covariance P."""
+    return np.asarray(np.linalg.solve(C @ P @ C.T + V, C @ P @ A.T).T)
 
 
 def _definite(V: Array) -> bool:

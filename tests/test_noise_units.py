@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from switchctl import Gaussian, close_loops, single_mode_costs
+from switchctl.estimation import filter_gain
 from switchctl.sampling import sampled_noise
 
 
@@ -45,6 +46,25 @@ def test_the_unit_of_the_noise_changes_nothing(unit):
         np.testing.assert_allclose(getattr(other, name) / unit, getattr(one, name), rtol=1e-9, atol=1e-15)
     still = Gaussian([0.0, 0.0], np.zeros((2, 2)))
     np.testing.assert_allclose(single_mode_costs(other, still) / unit, single_mode_costs(one, still), rtol=1e-9)
+
+
+@pytest.mark.parametrize("powers", [0, 3, 6, 9])
+def test_the_units_of_states_and_outputs_change_no_filter(powers):
+    rng = np.random.default_rng(powers)
+    for _ in range(25):
+        n, p = rng.integers(1, 8), rng.integers(1, 3)
+        A, C, W, V = (rng.standard_normal(shape) for shape in ((n, n), (p, n), (n, n), (p, p)))
+        A *= rng.choice([0.9, 1.0, 1.3]) / np.abs(np.linalg.eigvals(A)).max()
+        W, V = W @ W.T, V @ V.T + 0.1 * np.eye(p)
+        x, y = 10.0 ** rng.uniform(-powers, powers, n), 10.0 ** rng.uniform(-powers, powers, p)
+        plant = control.ss(A * x[:, None] / x, np.zeros((n, 1)), C * y[:, None] / x, 0, dt=True)
+        L = filter_gain(plant, "kalman", (W * np.outer(x, x))[None], V * np.outer(y, y))
+        P = np.eye(n)
+        for _ in range(3000):
+            gain = np.linalg.solve(C @ P @ C.T + V, C @ P @ A.T).T
+            P = A @ P @ A.T + W - gain @ C @ P @ A.T
+            P = (P + P.T) / 2
+        np.testing.assert_allclose(L / x[:, None] * y, gain, rtol=1e-6, atol=1e-9 * np.abs(gain).max())
 
 
 @pytest.mark.parametrize(("unit", "dt"), [(1e100, 1e-6), (1e60, 1e-2), (1e-200, 1e-2)])
