@@ -6,7 +6,7 @@ from typing import Any
 
 import control
 import numpy as np
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag, expm, matrix_balance
 
 from switchctl.moments import Array
 from switchctl.validation import number, real_array, sampling_period
@@ -158,7 +158,7 @@ def sampled_noise(A: Array, W: Array, period: float) -> Array:
     """The covariance that white noise of intensity W adds in a period, ``int_0^period e^(A t) W e^(A' t) dt``.
 
     By one matrix exponential (C. Van Loan, Computing integrals involving the matrix exponential, IEEE Transactions on
-    Automatic Control 23, 1978), over a part of the period that keeps it accurate, and doubling.
+    Automatic Control 23, 1978), of the balanced A, over a part of the period that keeps it accurate, and doubling.
 
     Parameters
     ----------
@@ -172,18 +172,20 @@ def sampled_noise(A: Array, W: Array, period: float) -> Array:
     array, shape (n, n)
         Infinite beyond the floating-point range.
     """
-    n = len(A)
+    n, states = len(A), matrix_balance(A, permute=False, separate=True)[1][0]
+    units = np.outer(states, states)
+    A, W = A * states / states[:, None], W / units
     with np.errstate(over="ignore"):
         size = float(np.linalg.norm(A, 1)) * period
     if not np.isfinite(size):
         return np.full_like(W, np.inf)
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300)))))
-    unit = 2.0 ** np.frexp(np.abs(W).max())[1]
-    whole = np.block([[-A, W / unit], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
+    greatest = 2.0 ** np.frexp(np.abs(W).max())[1]
+    whole = np.block([[-A, W / greatest], [np.zeros((n, n)), A.T]]) * (period / 2**halvings)
     both = expm(whole)
     step = both[n:, n:].T
     covariance = step @ both[:n, n:]
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(halvings):
             covariance, step = covariance + step @ covariance @ step.T, step @ step
-        return (covariance + covariance.T) / 2 * unit
+        return (covariance + covariance.T) / 2 * greatest * units

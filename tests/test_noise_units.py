@@ -71,3 +71,15 @@ def test_the_units_of_states_and_outputs_change_no_filter(powers):
 def test_sampled_noise_is_linear_in_its_intensity(unit, dt):
     A, W = np.array([[0.0, 1.0], [-4.0, -1.0]]), np.diag([0.0, 1.0])
     np.testing.assert_allclose(sampled_noise(A, W * unit, dt) / unit, sampled_noise(A, W, dt), rtol=1e-13)
+
+
+def test_sampled_noise_knows_no_units_of_the_states():
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        n = rng.integers(1, 7)
+        A, W, x = rng.standard_normal((n, n)), rng.standard_normal((n, n)), 10.0 ** rng.uniform(-9, 9, n)
+        W = W @ W.T
+        other = sampled_noise(A * x[:, None] / x, W * np.outer(x, x), 0.1) / np.outer(x, x)
+        one = sampled_noise(A, W, 0.1)
+        size = np.sqrt(np.outer(np.diag(one), np.diag(one)))
+        np.testing.assert_allclose(other / size, one / size, atol=1e-12)
