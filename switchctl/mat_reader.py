@@ -22,7 +22,7 @@ def plain(value: Any, name: str) -> Any:
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "biufUSO":
         kind = getattr(getattr(value, "dtype", None), "name", type(value).__name__)
         raise TypeError(f"{name} must hold real numbers, words or cells of them, not {kind} entries")
-    return [plain(entry, name) for entry in value.ravel()] if value.dtype == object else value.tolist()
+    return [plain(entry, name) for entry in value.ravel("F")] if value.dtype == object else value.tolist()  # as A{k}
 
 
 def variables(path: str) -> dict[str, Any]:
@@ -37,12 +37,15 @@ def variables(path: str) -> dict[str, Any]:
         if content[name].dtype != object and (name == "A" or content[name].ndim == 3):
             found[name] = np.moveaxis(np.atleast_3d(content[name]), -1, 0).tolist()
     for name in {"names", "states"} & found.keys():
-        found[name] = [str(np.squeeze(word)).strip() for word in content[name].ravel()]
+        words = [np.squeeze(word) for word in content[name].ravel("F")]
+        if any(word.dtype == object for word in words):
+            raise TypeError(f"{name} must be a cell of words, not of cells")
+        found[name] = [str(word).strip() for word in words]
     if "dt" in found and content["dt"].size == 1:
         dt = content["dt"].item()
         found["dt"] = True if content["dt"].dtype == np.uint8 and dt == 1 else dt  # how scipy reads a logical
     if "mean" in found and content["mean"].dtype != object:
-        found["mean"] = content["mean"].ravel().tolist()
+        found["mean"] = content["mean"].ravel("F").tolist()
     return found
 
 

@@ -79,3 +79,16 @@ def test_memory_is_limited(tmp_path, monkeypatch):
     scipy.io.savemat(tmp_path / "m.mat", {"A": np.zeros((5000, 5000))}, do_compression=True)  # 200 MB in 0.2 MB
     with pytest.raises(FormatError, match="MemoryError"):
         load_model(str(tmp_path / "m.mat"))
+
+
+def test_cells_and_means_are_read_in_matlabs_order(tmp_path):
+    """By columns, as A{k} and mean(:)."""
+    cells = np.empty((2, 2), dtype=object)
+    for k, a in enumerate([0.5, 0.6, 0.7, 0.8]):
+        cells[k % 2, k // 2] = np.array([[a]])
+    scipy.io.savemat(tmp_path / "cells.mat", {"A": cells, "Q": np.arange(1.0, 5.0).reshape(1, 1, 4)})
+    modes = load_model(tmp_path / "cells.mat").modes
+    np.testing.assert_array_equal(modes.A.ravel(), [0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_array_equal(modes.Q.ravel(), [1.0, 2.0, 3.0, 4.0])
+    scipy.io.savemat(tmp_path / "mean.mat", {"A": 0.5 * np.eye(4), "mean": [[1.0, 3.0], [2.0, 4.0]], "cov": np.eye(4)})
+    np.testing.assert_array_equal(load_model(tmp_path / "mean.mat").initial_state.mean, [1.0, 2.0, 3.0, 4.0])

@@ -6,9 +6,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from switchctl import Constant, ModeSet, PointwiseMinimum, RecedingHorizon, Refine, Rollout
+from switchctl import Constant, Gaussian, ModeSet, PointwiseMinimum, RecedingHorizon, Refine, Rollout, schedule
 from switchctl.certificates import certify
 from switchctl.stability import (
+    average_dwell_time,
     does_switching_help,
     joint_spectral_radius,
     minimum_dwell_time,
@@ -147,3 +148,28 @@ def test_constants_of_badly_scaled_weights():
     P = unit @ np.array([[1.0, 0.5], [0.5, 1.0]]) @ unit  # its least eigenvalue is 3/4, and hidden by rounding
     assert 1e20 / 0.75 <= spread([P], [P]) <= 4e20
     assert spread([np.full((2, 2), np.nan)], [np.eye(2)]) == np.inf
+
+
+@pytest.mark.parametrize("n", [20, 26, 30])
+def test_shifts_that_vanish_after_many_steps(n):
+    found = joint_spectral_radius(ModeSet([np.eye(n, k=1), 2 * np.eye(n, k=1)]), time_limit=1)
+    assert found.lower == 0 and 0 < found.upper <= 2 * (1 + 1e-9)
+
+
+def test_one_mode_has_no_average_dwell_time_to_keep():
+    A = np.eye(20, k=1)
+    A[-1, -1] = 0.5
+    assert average_dwell_time(ModeSet([A]), time_limit=0.3).upper == 0
+
+
+def test_pairs_of_many_modes_keep_the_time_limit():
+    turn = 0.95 * np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    found = does_switching_help(ModeSet([turn] * 60), time_limit=0.2)
+    assert (found.helps, found.status, found.gain) == (None, "time limit", 1.0)
+    assert "of 3540 pairs" in found.why
+
+
+def test_costs_of_far_sizes_are_not_called_singular_weights():
+    modes = ModeSet([np.eye(20, k=1), 2 * np.eye(20, k=1)])
+    with pytest.raises(ValueError, match="costs of nearer sizes"):
+        certify(schedule(modes, Gaussian(np.ones(20), np.zeros((20, 20))), Constant(0)))

@@ -93,7 +93,9 @@ class _Writer:
         if search is None:
             raise ValueError("no way on of finite cost was found from the start, and a certificate begins with one")
         if not search.lower.definite:
-            raise singular_weight(graph.modes, "a certificate")
+            if not all(np.linalg.eigvalsh(Q)[0] > 0 for Q in graph.modes.Q):
+                raise singular_weight(graph.modes, "a certificate")
+            raise ValueError("what some states cost is lost beside others: a certificate needs costs of nearer sizes")
         self.search, self.lower = search, search.lower
         dk = graph.modes.dk
         if schedule.cost / dk < self.search.cost:

@@ -1,5 +1,6 @@
 """Whether switching helps at all: the paper's first question, decided for all initial states at once."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -70,7 +71,7 @@ class SwitchingHelp(Summary):
     saves_at_least, saves_at_most : float or None
         With x0: what the best sequence saves, as shares of the best single mode's cost.
     status : str
-        "done", or "interrupted" by Ctrl-C.
+        "done", "time limit", or "interrupted" by Ctrl-C.
     """
 
     modes: ModeSet
@@ -130,7 +131,7 @@ def does_switching_help(
     x0 : Gaussian, optional
         An initial state: by how much switching helps from there is asked of `Optimal`, too.
     gap, time_limit : float, optional
-        Its settings: the gap to prove, as a fraction of the cost, and seconds.
+        The gap to prove of that, as a fraction of the cost, and seconds, about, for all.
 
     Returns
     -------
@@ -165,37 +166,41 @@ def does_switching_help(
         raise ValueError("does_switching_help is for modes whose switches leave the state as it is (no activation)")
     x0 = None if x0 is None else initial_state(modes, x0)
     method = Optimal(gap=gap, time_limit=time_limit)
+    deadline = time.perf_counter() + method.time_limit
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            found = _decided(modes)
+            found = _decided(modes, deadline)
         except np.linalg.LinAlgError as error:
             found = SwitchingHelp(modes, None, f"rounding hides it: {error}")
         found = replace(found, paper_test=_paper_test(modes))
     if x0 is None or found.status == INTERRUPTED:
         return found
+    left = max(deadline - time.perf_counter(), 0.1 * method.time_limit)
     try:
-        return _from(found, x0, method)
+        return _from(found, x0, replace(method, time_limit=left))
     except KeyboardInterrupt:
         return replace(found, status=INTERRUPTED)
 
 
-def _decided(modes: ModeSet) -> SwitchingHelp:
+def _decided(modes: ModeSet, deadline: float) -> SwitchingHelp:
     if len(modes) == 1:
         own = {} if modes.tails[0] is None else {(0, 0): frozen(np.ones(1))}
         return SwitchingHelp(modes, False, "there is one mode", 0.0, own, 0 if own else None)
     if all(P is None for P in modes.tails):
         return _by_word(modes)
-    pairs, verdicts = Pairs(modes), dict[tuple[int, int], Verdict]()
+    pairs, verdicts, cut = Pairs(modes), dict[tuple[int, int], Verdict](), "time limit"
     try:
         for i, q in tqdm(pairs.different(), desc="pairs of modes", delay=2, leave=False):
+            if time.perf_counter() > deadline:
+                break
             verdicts[i, q] = pairs.decide(i, q)
     except KeyboardInterrupt:
-        pass
-    found = _bound(modes, pairs, verdicts)
+        cut = INTERRUPTED
+    found = _bound(modes, pairs, verdicts, cut)
     return _witness(found, pairs, verdicts) or found
 
 
-def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verdict]) -> SwitchingHelp:
+def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verdict], cut: str) -> SwitchingHelp:
     """What the combinations prove: how much switching may help at most."""
     finite, m = pairs.finite, len(modes)
     weights = {(i, q): verdict.alpha for (i, q), verdict in verdicts.items()}
@@ -207,8 +212,8 @@ def _bound(modes: ModeSet, pairs: Pairs, verdicts: Mapping[tuple[int, int], Verd
         combinations[i, finite[q]] = frozen(whole)
     told = SwitchingHelp(modes, None, "", 1.0, combinations)
     if len(verdicts) < len(pairs.different()):
-        why = f"interrupted after {len(verdicts)} of {len(pairs.different())} pairs of modes"
-        return replace(told, why=why, status=INTERRUPTED)
+        why = f"{cut} after {len(verdicts)} of {len(pairs.different())} pairs of modes"
+        return replace(told, why=why, status=cut)
     vanishes, _ = pairs.window
     if not vanishes:
         return replace(told, why="a run may cost little and not come to rest: the weights don't see every state")

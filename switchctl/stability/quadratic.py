@@ -32,12 +32,15 @@ def growth(moves: Moves, P: Array) -> float:
     counted = moves.lengths > 0
     if (norms[~counted] > 1).any():
         return np.inf
-    return float((norms[counted] ** (1 / moves.lengths[counted])).max())
+    return float((norms[counted] ** (1 / moves.lengths[counted])).max(initial=0.0))
 
 
 def rounding(P: Array) -> float:
     """A factor for what rounding may take from a growth computed in these norms."""
-    unit, noise = np.exp2(np.round(np.log2(np.einsum("vii->vi", P)) / 2)), 8 * P.shape[-1] * np.finfo(float).eps
+    diagonal, noise = np.einsum("vii->vi", P), 8 * P.shape[-1] * np.finfo(float).eps
+    if not (np.isfinite(P).all() and (diagonal > 0).all()):
+        return np.inf
+    unit = np.exp2(np.round(np.log2(diagonal) / 2))
     eigenvalues = np.linalg.eigvalsh(P / unit[:, :, None] / unit[:, None, :])  # factors don't depend on units
     least = eigenvalues[:, 0] - noise * eigenvalues[:, -1]
     return 1 + noise * float(np.sqrt(eigenvalues[:, -1] / least).max()) if (least > 0).all() else np.inf
@@ -64,7 +67,10 @@ def lifting_norms(moves: Moves) -> Array:
     T = blocks.transpose(0, 2, 1, 3).reshape(V * d, V * d)
     radius = float(np.abs(np.linalg.eigvals(T)).max())
     shifted = (radius * (1 + 1e-6) + 1e-12) * np.eye(V * d) - T
-    P: Array = smat(np.asarray(np.linalg.solve(shifted, svec(identity).ravel()), dtype=float).reshape(V, d))
+    try:
+        P: Array = smat(np.asarray(np.linalg.solve(shifted, svec(identity).ravel()), dtype=float).reshape(V, d))
+    except np.linalg.LinAlgError:  # of moves that vanish, too near to singular
+        return identity
     return P / np.trace(P, axis1=1, axis2=2).max() if np.isfinite(growth(moves, P)) else identity
 
 
