@@ -182,11 +182,11 @@ def _method(asked: argparse.Namespace, model: Model) -> Method:
     if kind is Optimal and not settings:
         return replace(own, **search) if isinstance(own, Optimal) else Optimal(**search)
     if kind is FewSwitches and not settings:
-        if asked.max_switches is None and isinstance(own, FewSwitches):
+        if asked.max_switches is not None:
+            return FewSwitches(asked.max_switches)
+        if isinstance(own, FewSwitches):
             return own
-        if asked.max_switches is None:
-            raise ValueError("few-switches needs --max-switches N")
-        return FewSwitches(asked.max_switches)
+        raise ValueError("few-switches needs --max-switches N")
     if kind is Refine and not settings:
         return Refine(own) if not isinstance(own, Refine) else own
     if kind is not RecedingHorizon:

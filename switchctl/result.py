@@ -25,7 +25,7 @@ from switchctl.predicted import factors_along, predicted, squared_distances
 from switchctl.result_checks import lengthened_holds, numbers_by_name, require_kinds
 from switchctl.result_text import facts, heading
 from switchctl.switches import Switch, switches_of
-from switchctl.tables import html_table, tree
+from switchctl.tables import Summary
 from switchctl.tail_costs import CostParts, tail_parts
 from switchctl.validation import frozen, number, positive_semidefinite, real_array, whole_number
 from switchctl.values import require_criterion
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from control import ControlPlot
 
 
-@dataclass(frozen=True, eq=False)
-class Schedule:
+@dataclass(frozen=True, eq=False, repr=False)
+class Schedule(Summary):
     """Which mode acts at each step, and what follows from it. `switchctl.schedule` makes one.
 
     Parameters
@@ -388,11 +388,7 @@ class Schedule:
 
         return plot_w2(self, **keywords)
 
-    def __repr__(self) -> str:
-        return tree(heading(self), facts(self))
-
-    def _repr_html_(self) -> str:
-        return html_table(["", ""], facts(self), heading(self))
+    _heading, _facts = heading, facts
 
 
 def _rebuilt(kind: Callable[..., Schedule], graph: SwitchingGraph, rest: Any, last: Any) -> Schedule:

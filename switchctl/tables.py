@@ -1,6 +1,6 @@
 """Small tables, as text for a terminal and as HTML for a notebook."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -43,7 +43,7 @@ def tree(heading: str, facts: Sequence[tuple[str, str]]) -> str:
     return "\n".join([heading, *lines])
 
 
-class Summary(ABC):
+class Summary:
     """What is printed as a heading and facts: a tree at a terminal, a table in a notebook."""
 
     @abstractmethod

@@ -157,13 +157,15 @@ def require_plain_total(modes: ModeSet, what: str, instead: str = "") -> None:
         )
 
 
-def singular_weight(modes: ModeSet, what: str) -> ValueError:
-    """The error where stage weights must be definite: whose is the nearest to singular, and what it leaves out."""
+def require_definite_weights(modes: ModeSet, what: str, share: float = 0.0) -> None:
+    """Refuse stage weights with an eigenvalue of no more than this share of the greatest; say what they leave out."""
     least, greatest = np.linalg.eigvalsh(modes.Q).T[[0, -1]]
+    if (least > share * greatest).all():
+        return
     worst = int(np.divide(least, greatest, out=np.zeros_like(least), where=greatest > 0).argmin())
     free = [name for name, row in zip(modes.states, modes.Q[worst], strict=True) if not row.any()]
     told = f" (no weight on {', '.join(free)})" if free else ""
-    return ValueError(
+    raise ValueError(
         f"{what} needs positive definite stage weights, and that of {modes.names[worst]!r} is singular{told}; give a Q "
         f"with some weight on all {len(modes.states)} states"
     )

@@ -14,7 +14,7 @@ from switchctl.optimum.decisions import Decisions
 from switchctl.optimum.search import Search
 from switchctl.result import Schedule
 from switchctl.validation import number, whole_number
-from switchctl.values import require_plain_total, singular_weight, switched, word_value
+from switchctl.values import require_definite_weights, require_plain_total, switched, word_value
 
 _LARGEST = 20_000  # nodes and choices of a graph
 _FIRST = 0.5
@@ -93,8 +93,7 @@ class _Writer:
         if search is None:
             raise ValueError("no way on of finite cost was found from the start, and a certificate begins with one")
         if not search.lower.definite:
-            if not all(np.linalg.eigvalsh(Q)[0] > 0 for Q in graph.modes.Q):
-                raise singular_weight(graph.modes, "a certificate")
+            require_definite_weights(graph.modes, "a certificate")
             raise ValueError("what some states cost is lost beside others: a certificate needs costs of nearer sizes")
         self.search, self.lower = search, search.lower
         dk = graph.modes.dk

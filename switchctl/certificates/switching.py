@@ -15,7 +15,7 @@ from switchctl.modes import ModeSet
 from switchctl.moments import Array, transform
 from switchctl.stability import PolicyStability, SwitchingHelp
 from switchctl.stability.falling import largest_share
-from switchctl.values import require_plain_total, singular_weight
+from switchctl.values import require_definite_weights, require_plain_total
 
 _STEPS = 10_000  # of a mode held, added up by the checker
 
@@ -110,8 +110,7 @@ def rollout(found: PolicyStability) -> Certificate:
             f"{found.method!r} has no certificate of its own here; only Rollout has one, without rules, prices and "
             "activation. Certify what stability rests on: schur_stability(modes)[i], word_stability(modes, word)"
         )
-    if not all(np.linalg.eigvalsh(Q)[0] > 0 for Q in modes.Q):
-        raise singular_weight(modes, "a certificate of rollout")
+    require_definite_weights(modes, "a certificate of rollout")
     finite = [p for p, P in enumerate(modes.tails) if P is not None]
     for slack in SHARES[1:]:
         P = np.array([modes.tails[p] for p in finite]) * (1 + slack)

@@ -24,7 +24,7 @@ from switchctl.optimum.relaxed import RelaxedValues
 from switchctl.optimum.search import Search
 from switchctl.rules import Rules
 from switchctl.validation import number, whole_number
-from switchctl.values import require_plain_total, singular_weight
+from switchctl.values import require_definite_weights, require_plain_total
 
 OPTIMAL = 1e-9
 """A proven gap of at most this fraction of the cost is called optimal."""
@@ -33,6 +33,7 @@ _FIRST = 0.5
 _HARD = 5000  # moments in a rung from which on local search comes first
 _UNROLLED = 3000
 _CHOICES = 200
+_SINGULAR = 1e-10  # share of the greatest weight
 _INSTEAD = "; use Rollout, Refine, FewSwitches or RecedingHorizon"
 _SLOWEST = 1.1
 _STEEP = 1.2  # a rung whose tolerance is less by more than this factor is left ..
@@ -169,10 +170,9 @@ class Optimal(Method):
         decisions = Decisions(graph)
         if not decisions.reachable(_CHOICES):
             raise ValueError(f"{graph.rules!r} needs more than {_CHOICES} nodes with a choice, too many for a policy")
+        require_definite_weights(modes, "a policy", _SINGULAR)
         weights = np.linalg.eigvalsh(modes.Q_after)
-        singular = weights[..., 0] <= 1e-10 * weights[..., -1]
-        if singular.diagonal().any():
-            raise singular_weight(modes, "a policy")
+        singular = weights[..., 0] <= _SINGULAR * weights[..., -1]
         if singular.any():
             i, j = (modes.names[k] for k in np.argwhere(singular)[0])
             raise ValueError(
